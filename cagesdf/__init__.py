@@ -1,0 +1,1 @@
+"""Neural implicit shapes with explicit bounding cuboids."""

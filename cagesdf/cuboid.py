@@ -1,0 +1,134 @@
+"""Cuboids: oriented boxes that bound parts, and cages, all cuboids of a shape.
+
+A cuboid (elsewhere: OBB) has a centre, three unit axes as the rows of a proper rotation, and
+full side lengths. Its frames are `frames.py`'s: local and unit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+# Corners of [-½, ½]³ in the order used everywhere: x slowest, z fastest.
+CORNER_ORDER = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+# The 24 proper rotations that permute a cuboid's axes: new axes = PROPER_PERMUTATIONS[k] @ axes.
+PROPER_PERMUTATIONS = np.array(
+    [
+        rotation
+        for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0])
+        for signs in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).T.reshape(-1, 3)
+        for rotation in [np.eye(3)[order] * signs[:, None]]
+        if np.linalg.det(rotation) > 0
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Cuboid:
+    """One oriented box."""
+
+    centre: Float[ndarray, " 3"]  # canonical
+    axes: Float[ndarray, "3 3"]  # rows are unit axes, right-handed, canonical
+    size: Float[ndarray, " 3"]  # full lengths along the axes, canonical units, > 0
+
+    def permuted(self, permutation: Float[ndarray, "3 3"]) -> "Cuboid":
+        """The same box with its axes renamed by one of PROPER_PERMUTATIONS."""
+        return Cuboid(self.centre, permutation @ self.axes, np.abs(permutation) @ self.size)
+
+    def nearest_to(self, axes: Float[ndarray, "3 3"]) -> "Cuboid":
+        """The same box, its axes renamed to be as near as possible to `axes` (largest trace).
+
+        Used with the canonical axes to name them, and with a source's before interpolation:
+        naming by size flips between similar shapes.
+        """
+        traces = np.einsum("kij,jl,il->k", PROPER_PERMUTATIONS, self.axes, axes)
+        return self.permuted(PROPER_PERMUTATIONS[int(np.argmax(traces))])
+
+
+@dataclass(frozen=True, eq=False)
+class Cage:
+    """All cuboids of one shape, in the order of its structure's parts."""
+
+    part_ids: tuple[str, ...]  # p ids
+    centre: Float[ndarray, "p 3"]  # canonical
+    axes: Float[ndarray, "p 3 3"]  # rows are unit axes, right-handed, canonical
+    size: Float[ndarray, "p 3"]  # full lengths, canonical units, > 0
+
+    @staticmethod
+    def of(cuboids: Mapping[str, Cuboid]) -> "Cage":
+        """A cage from cuboids by part id, in the mapping's order."""
+        return Cage(
+            tuple(cuboids),
+            np.array([cuboid.centre for cuboid in cuboids.values()]).reshape(-1, 3),
+            np.array([cuboid.axes for cuboid in cuboids.values()]).reshape(-1, 3, 3),
+            np.array([cuboid.size for cuboid in cuboids.values()]).reshape(-1, 3),
+        )
+
+    @staticmethod
+    def from_vectors(part_ids: tuple[str, ...], vectors: Float[ndarray, "p 15"]) -> "Cage":
+        """Undo `vectors`."""
+        values = np.asarray(vectors, dtype=np.float64)
+        return Cage(part_ids, values[:, :3], values[:, 3:12].reshape(-1, 3, 3), values[:, 12:15])
+
+    def __len__(self) -> int:
+        return len(self.part_ids)
+
+    def __getitem__(self, part_id: str) -> Cuboid:
+        i = self.part_ids.index(part_id)
+        return Cuboid(self.centre[i], self.axes[i], self.size[i])
+
+    def cuboids(self) -> dict[str, Cuboid]:
+        """The cuboids by part id."""
+        return {part_id: self[part_id] for part_id in self.part_ids}
+
+    def vectors(self) -> Float[ndarray, "p 15"]:
+        """What the network is given (§3.1): centre (3), axes by rows (9), full lengths (3)."""
+        return np.concatenate([self.centre, self.axes.reshape(-1, 9), self.size], axis=1)
+
+    def corners(self) -> Float[ndarray, "p 8 3"]:
+        """Canonical corners, ordered as CORNER_ORDER."""
+        return self.centre[:, None] + (CORNER_ORDER * self.size[:, None]) @ self.axes
+
+    def to_local(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float[ndarray, "n 3"]:
+        """Canonical points in the local frame of cuboid number `cuboid`."""
+        return (points - self.centre[cuboid]) @ self.axes[cuboid].T
+
+    def to_unit(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float[ndarray, "n 3"]:
+        """Canonical points in the unit frame of cuboid number `cuboid`: [-½, ½]³ is inside."""
+        return self.to_local(points, cuboid) / self.size[cuboid]
+
+    def from_unit(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float[ndarray, "n 3"]:
+        """Undo `to_unit`."""
+        return (points * self.size[cuboid]) @ self.axes[cuboid] + self.centre[cuboid]
+
+    def signed_distance(self, points: Float[ndarray, "n 3"]) -> Float[ndarray, "n p"]:
+        """Exact signed distance of each point to each cuboid, canonical units, negative inside."""
+        result = np.empty((len(points), len(self)))
+        for i in range(len(self)):
+            beyond = np.abs(self.to_local(points, i)) - self.size[i] / 2
+            outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+            result[:, i] = outside + np.minimum(beyond.max(axis=1), 0)
+        return result
+
+    def assign(self, points: Float[ndarray, "n 3"]) -> tuple[Int[ndarray, " n"], Float[ndarray, " n"]]:
+        """The cuboid that most contains each point (§3.4), and the signed distance to it.
+
+        Outside all cuboids it is the nearest one. Ties go to the first.
+        """
+        distance = self.signed_distance(points)
+        nearest = distance.argmin(axis=1)
+        return nearest, np.take_along_axis(distance, nearest[:, None], axis=1)[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """One deformation of a source shape towards a target's cage (§3.3)."""
+
+    shape_id: str  # the source
+    target_id: str | None  # None: the shape has no sequence, only its rest cage, or was scaled
+    t: Float[ndarray, " s"]  # in [0, 1], 0 first: the rest shape
+    held_out: tuple[bool, ...]  # s flags: steps kept from training
+    cages: tuple[Cage, ...]  # s cages with the same parts

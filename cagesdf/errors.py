@@ -1,0 +1,27 @@
+"""The one exception that means "this shape can't be used"; anything else stops the stage."""
+
+
+class ShapeRejected(Exception):
+    """A shape that a stage can't use.
+
+    `parallel_map` collects it and the stage writes it to `rejected.parquet`: one row per
+    shape, with the stage and the reason. `reason` says what came, what was wanted and,
+    where known, what to do.
+    """
+
+    def __init__(self, shape_id: str, stage: str, reason: str) -> None:
+        super().__init__(shape_id, stage, reason)
+        self.shape_id = shape_id
+        self.stage = stage
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"shape {self.shape_id}, {self.stage}: {self.reason}"
+
+
+class InputError(ValueError):
+    """Something from outside (a file, an argument, an artefact) that is not as it must be.
+
+    The message is for the person at the keyboard: what came, what was wanted, which item,
+    and what to do. It ends a stage or a command.
+    """

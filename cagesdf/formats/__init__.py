@@ -1,0 +1,1 @@
+"""Foreign file formats, one file each: raw shapes in, raw shapes out."""

@@ -1,0 +1,1 @@
+"""Artefacts on disk, one file per kind. Only these files touch pyarrow."""

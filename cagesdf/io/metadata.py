@@ -1,0 +1,99 @@
+"""Parquet tables that say what they hold.
+
+Every table carries a JSON block under the key `cagesdf` in its schema: kind, version, facts
+such as frame and sign, and the meaning of each column. Readers refuse what they don't
+understand, by name.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cagesdf.errors import InputError
+
+KEY = b"cagesdf"
+COMPRESSION = {"compression": "zstd", "compression_level": 3}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table."""
+
+    name: str
+    type: pa.DataType
+    meaning: str  # with unit and frame
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns of one kind of table, and what holds for all its rows."""
+
+    kind: str
+    version: int
+    columns: tuple[Column, ...]
+    facts: Mapping[str, Any] = field(default_factory=dict)  # frame, sign, units
+
+    def schema(self, **facts: Any) -> pa.Schema:
+        """The Arrow schema with its `cagesdf` block; `facts` are added to the layout's own."""
+        block = {
+            "kind": self.kind,
+            "version": self.version,
+            **self.facts,
+            **facts,
+            "columns": {column.name: column.meaning for column in self.columns},
+        }
+        fields = [pa.field(column.name, column.type, nullable=False) for column in self.columns]
+        return pa.schema(fields, metadata={KEY: json.dumps(block, sort_keys=True).encode()})
+
+    def table(self, rows: list[dict[str, Any]], **facts: Any) -> pa.Table:
+        """Rows as a table; a row that lacks a column is a KeyError."""
+        schema = self.schema(**facts)
+        arrays = [pa.array([row[name] for row in rows], type=schema.field(name).type) for name in schema.names]
+        return pa.Table.from_arrays(arrays, schema=schema)
+
+    def write(self, path: Path, rows: list[dict[str, Any]], **facts: Any) -> None:
+        """Write all rows as one file."""
+        pq.write_table(self.table(rows, **facts), path, **COMPRESSION)
+
+    def read(self, path: Path) -> list[dict[str, Any]]:
+        """All rows. Raises InputError as `check` does."""
+        return self.open(path).read().to_pylist()
+
+    def open(self, path: Path) -> pq.ParquetFile:
+        """Open a file of this layout. Raises InputError if it is missing or something else."""
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; wanted a table of {self.kind}")
+        try:
+            file = pq.ParquetFile(path)
+        except pa.ArrowInvalid as error:
+            raise InputError(f"{path}: not a readable Parquet file ({error}); rerun the stage that wrote it") from error
+        self.check(file.schema_arrow, path)
+        return file
+
+    def check(self, schema: pa.Schema, path: Path) -> None:
+        """Raise InputError unless the schema is this layout's: kind, version, columns and types."""
+        block = read_block(schema, path)
+        if block.get("kind") != self.kind or block.get("version") != self.version:
+            raise InputError(
+                f"{path}: holds {block.get('kind')} version {block.get('version')}, "
+                f"wanted {self.kind} version {self.version}; rerun the stage that wrote it"
+            )
+        wrong = [
+            column.name
+            for column in self.columns
+            if column.name not in schema.names or schema.field(column.name).type != column.type
+        ]
+        if wrong:
+            raise InputError(f"{path}: column(s) {', '.join(wrong)} missing or of another type; rerun the stage")
+
+
+def read_block(schema: pa.Schema, path: Path) -> dict[str, Any]:
+    """The `cagesdf` block of a schema. Raises InputError if there is none."""
+    if not schema.metadata or KEY not in schema.metadata:
+        raise InputError(f"{path}: its schema has no cagesdf block, so it was not written by this project")
+    return json.loads(schema.metadata[KEY])

@@ -1,0 +1,40 @@
+"""`rejected.parquet`: the shapes that a stage could not use, and why."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.io.metadata import Column, Layout
+
+REJECTED = Layout(
+    "rejected",
+    1,
+    (
+        Column("shape_id", pa.string(), "unique in its category"),
+        Column("stage", pa.string(), "the stage that could not use it"),
+        Column("reason", pa.string(), "what came, what was wanted, what to do"),
+    ),
+)
+
+
+def write_rejected(folder: Path, rejected: Sequence[ShapeRejected], total: int, max_rejected: float) -> None:
+    """Write one row a rejected shape, sorted by id; none rejected gives an empty table.
+
+    Raises InputError with the first reasons if more than the share `max_rejected` of `total`
+    shapes were rejected, or all of them.
+    """
+    rows = sorted(({"shape_id": r.shape_id, "stage": r.stage, "reason": r.reason} for r in rejected), key=str)
+    if len(rows) > max_rejected * total or len(rows) == total:
+        reasons = "\n  ".join(f"{row['shape_id']}: {row['reason']}" for row in rows[:5])
+        raise InputError(
+            f"{len(rows)} of {total} shapes rejected, at most {max_rejected:.0%} wanted "
+            f"(max_rejected in params.yaml, never all); the first:\n  {reasons}"
+        )
+    REJECTED.write(folder / "rejected.parquet", rows)
+
+
+def read_rejected(folder: Path) -> dict[str, str]:
+    """Reasons by shape id."""
+    return {row["shape_id"]: row["reason"] for row in REJECTED.read(folder / "rejected.parquet")}

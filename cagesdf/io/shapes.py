@@ -1,0 +1,159 @@
+"""`shapes/`: closed part meshes, structures and similarities.
+
+    shapes.parquet   one row a shape
+    parts.parquet    one row a part, one row group a shape, in the order of shapes.parquet
+"""
+
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cagesdf.errors import InputError
+from cagesdf.frames import Similarity
+from cagesdf.io.metadata import COMPRESSION, Column, Layout
+from cagesdf.meshes import Mesh
+from cagesdf.shape import Part, Repair, Shape
+from cagesdf.structure.hierarchy import PartHierarchy
+
+KIND = "shapes"
+SHAPES = Layout(
+    "shapes",
+    1,
+    (
+        Column("shape_id", pa.string(), "unique in its category"),
+        Column("split", pa.string(), "train or val"),
+        Column("status", pa.string(), "passed or repaired"),
+        Column("parts", pa.int32(), "number of parts"),
+        Column("faces", pa.int32(), "faces of all parts together"),
+        Column("similarity", pa.list_(pa.float64()), "raw → canonical: scale, rotation by rows, translation"),
+        Column("structure", pa.string(), "part hierarchy as StructureNet's JSON, canonical frame"),
+    ),
+    {"frame": "canonical"},
+)
+PARTS = Layout(
+    "parts",
+    1,
+    (
+        Column("shape_id", pa.string(), "the shape it belongs to"),
+        Column("part_id", pa.string(), "unique in its shape"),
+        Column("label", pa.string(), "semantic name, empty if there is none"),
+        Column("method", pa.string(), "repair that closed it: none, merged, reoriented, ..."),
+        Column("faces_before", pa.int32(), "faces as read"),
+        Column("faces_after", pa.int32(), "faces of the closed mesh"),
+        Column("volume", pa.float64(), "cubic canonical units"),
+        Column("vertices", pa.list_(pa.float64()), "x, y, z of each vertex in turn, canonical units"),
+        Column("faces", pa.list_(pa.int32()), "three vertex indices of each face in turn, outwards"),
+    ),
+    {"frame": "canonical"},
+)
+
+
+def write_shapes(folder: Path, shapes: Iterable[Shape]) -> None:
+    """Write all shapes, sorted by id."""
+    shapes = sorted(shapes, key=lambda shape: shape.shape_id)
+    SHAPES.write(
+        folder / "shapes.parquet",
+        [
+            {
+                "shape_id": shape.shape_id,
+                "split": shape.split,
+                "status": shape.status,
+                "parts": len(shape.parts),
+                "faces": sum(len(part.mesh.faces) for part in shape.parts),
+                "similarity": shape.similarity.to_numbers(),
+                "structure": shape.structure.to_json(),
+            }
+            for shape in shapes
+        ],
+    )
+    with pq.ParquetWriter(folder / "parts.parquet", PARTS.schema(), **COMPRESSION) as writer:
+        for shape in shapes:
+            writer.write_table(PARTS.table([_part_row(shape.shape_id, part) for part in shape.parts]))
+
+
+def _part_row(shape_id: str, part: Part) -> dict[str, Any]:
+    return {
+        "shape_id": shape_id,
+        "part_id": part.part_id,
+        "label": part.label,
+        "method": part.repair.method,
+        "faces_before": part.repair.faces_before,
+        "faces_after": part.repair.faces_after,
+        "volume": part.repair.volume,
+        "vertices": part.mesh.vertices.ravel(),
+        "faces": part.mesh.faces.ravel(),
+    }
+
+
+class ShapeFolder:
+    """The shapes of an artefact, read one at a time; cheap to send to another process."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @cached_property
+    def _rows(self) -> dict[str, dict[str, Any]]:
+        return {row["shape_id"]: row for row in SHAPES.read(self.folder / "shapes.parquet")}
+
+    @cached_property
+    def _parts(self) -> pq.ParquetFile:
+        return PARTS.open(self.folder / "parts.parquet")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"folder": self.folder}
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """All shape ids, sorted."""
+        return tuple(self._rows)
+
+    def ids_of(self, split: str) -> tuple[str, ...]:
+        """Ids of the shapes of one split, sorted."""
+        return tuple(shape_id for shape_id, row in self._rows.items() if row["split"] == split)
+
+    def structure(self, shape_id: str) -> PartHierarchy:
+        """The structure of one shape, without reading its meshes."""
+        return PartHierarchy.from_json(self._row(shape_id)["structure"])
+
+    def similarity(self, shape_id: str) -> Similarity:
+        """The similarity of one shape, without reading its meshes."""
+        return Similarity.from_numbers(self._row(shape_id)["similarity"])
+
+    def _row(self, shape_id: str) -> dict[str, Any]:
+        if shape_id not in self._rows:
+            raise InputError(f"{self.folder}: has no shape {shape_id!r}; it holds {', '.join(self.ids[:8])} ...")
+        return self._rows[shape_id]
+
+    def read(self, shape_id: str) -> Shape:
+        """One shape. Raises InputError if there is none of that id."""
+        row = self._row(shape_id)
+        table = self._parts.read_row_group(self.ids.index(shape_id))
+        numbers = {name: [item.values.to_numpy() for item in table[name]] for name in ("vertices", "faces")}
+        parts = tuple(
+            Part(
+                part["part_id"],
+                part["label"],
+                Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3)),
+                Repair(part["method"], part["faces_before"], part["faces_after"], part["volume"]),
+            )
+            for part, vertices, faces in zip(
+                table.drop_columns(["vertices", "faces"]).to_pylist(), numbers["vertices"], numbers["faces"]
+            )
+        )
+        return Shape(shape_id, row["split"], parts, self.structure(shape_id), self.similarity(shape_id))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __iter__(self) -> Iterator[Shape]:
+        return map(self.read, self.ids)
+
+
+def read_shapes(folder: Path) -> ShapeFolder:
+    """Open `shapes/` for reading, a shape at a time."""
+    return ShapeFolder(folder)

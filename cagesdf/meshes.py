@@ -1,0 +1,106 @@
+"""Triangle meshes: the record, and what can be said of one without its neighbours."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles over shared vertices, counter-clockwise seen from outside."""
+
+    vertices: Float[ndarray, "v 3"]  # float64
+    faces: Int[ndarray, "f 3"]  # int32 indices into vertices
+
+    def corners(self) -> Float[ndarray, "f 3 3"]:
+        """The three corner positions of each face."""
+        return self.vertices[self.faces]
+
+    def with_vertices(self, vertices: Float[ndarray, "v 3"]) -> "Mesh":
+        """The same faces over moved vertices."""
+        return Mesh(vertices, self.faces)
+
+
+def join(meshes: list[Mesh]) -> Mesh:
+    """All meshes as one, nothing merged."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes] or [np.zeros((0, 3))]),
+        np.concatenate(
+            [mesh.faces + start for mesh, start in zip(meshes, starts)] or [np.zeros((0, 3))], dtype=np.int32
+        ),
+    )
+
+
+def weld(mesh: Mesh, tolerance: float) -> Mesh:
+    """Merge vertices that share a grid cell of `tolerance` (mesh units); drop faces that collapse.
+
+    A face that appears twice, in either winding, is kept once: real collections hold each
+    face in both windings, which cancels winding numbers. Unused vertices go.
+    """
+    keys = np.round(mesh.vertices / tolerance).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    faces = inverse.reshape(-1)[mesh.faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return compact(Mesh(mesh.vertices[first], faces[np.sort(once)].astype(np.int32)))
+
+
+def compact(mesh: Mesh) -> Mesh:
+    """Drop vertices that no face uses."""
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32))
+
+
+def face_normals(mesh: Mesh) -> Float[ndarray, "f 3"]:
+    """Cross products of the edges: length twice the face's area."""
+    a, b, c = mesh.corners().transpose(1, 0, 2)
+    return np.cross(b - a, c - a)
+
+
+def face_areas(mesh: Mesh) -> Float[ndarray, " f"]:
+    """Areas, in squared mesh units."""
+    return np.linalg.norm(face_normals(mesh), axis=1) / 2
+
+
+def signed_volume(mesh: Mesh) -> float:
+    """Volume by the divergence theorem; negative if a closed mesh is inside out."""
+    a, b, c = (mesh.corners() - mesh.vertices.mean(0)).transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether each directed edge has exactly one opposite partner: no hole, one orientation.
+
+    Edges at which four faces meet are allowed if their directions pair up. An empty mesh is
+    not closed.
+    """
+    if len(mesh.faces) == 0:
+        return False
+    tail = mesh.faces.astype(np.int64).ravel()
+    head = np.roll(mesh.faces.astype(np.int64), -1, axis=1).ravel()
+    forth = np.sort(tail * len(mesh.vertices) + head)
+    back = np.sort(head * len(mesh.vertices) + tail)
+    return bool((forth == back).all())
+
+
+def sample_surface(
+    mesh: Mesh, count: int, rng: np.random.Generator
+) -> tuple[Float[ndarray, "n 3"], Int[ndarray, " n"]]:
+    """`count` points uniform on the surface, and the face that each lies on.
+
+    Raises ValueError if the mesh has no area.
+    """
+    areas = face_areas(mesh)
+    total = np.cumsum(areas)
+    if len(areas) == 0 or not total[-1] > 0:
+        raise ValueError(f"can't sample a surface of {len(areas)} faces and no area")
+    faces = np.searchsorted(total, rng.random(count) * total[-1], side="right").clip(max=len(areas) - 1)
+    u, v = rng.random((2, count, 1))
+    flip = u + v > 1
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    a, b, c = mesh.vertices[mesh.faces[faces]].transpose(1, 0, 2)
+    return a + u * (b - a) + v * (c - a), faces

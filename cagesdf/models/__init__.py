@@ -1,0 +1,1 @@
+"""The networks: tensors and numbers only."""

@@ -1,0 +1,62 @@
+"""Shapes and their parts: what every stage after `import_shapes` works on."""
+
+from dataclasses import dataclass
+
+from cagesdf.frames import Similarity
+from cagesdf.meshes import Mesh
+from cagesdf.structure.base import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class RawPart:
+    """One part as its file gives it."""
+
+    part_id: str  # a part of the structure
+    label: str  # semantic name, "" if there is none
+    mesh: Mesh  # raw frame; may be open, flipped, doubled
+
+
+@dataclass(frozen=True, eq=False)
+class RawShape:
+    """One object as its files give it."""
+
+    shape_id: str  # unique in its category
+    split: str  # "train" or "val"
+    parts: tuple[RawPart, ...]  # in the structure's order
+    structure: Structure  # cuboids in it, if any, are raw too
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What `solid.make_solid` did to one part."""
+
+    method: str  # the step of the chain that made it closed: "none" if it was
+    faces_before: int  # as read
+    faces_after: int  # of the closed mesh
+    volume: float  # of the closed mesh, cubic canonical units
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One labelled, closed mesh of a shape."""
+
+    part_id: str  # a part of the structure
+    label: str  # semantic name, "" if there is none
+    mesh: Mesh  # canonical, closed, oriented outwards
+    repair: Repair  # what made it closed
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """One object."""
+
+    shape_id: str  # unique in its category
+    split: str  # "train" or "val"
+    parts: tuple[Part, ...]  # in the order of structure.parts()
+    structure: Structure  # cuboids in it, if any, are canonical
+    similarity: Similarity  # raw → canonical
+
+    @property
+    def status(self) -> str:
+        """Return "passed" if every part was closed as it came, "repaired" otherwise."""
+        return "passed" if all(part.repair.method == "none" for part in self.parts) else "repaired"

@@ -1,0 +1,1 @@
+"""What holds a shape's parts together, behind one interface."""

@@ -1,0 +1,1 @@
+"""Procedural chairs, tables and vases: cages first, then surfaces that fill them."""

@@ -1,0 +1,41 @@
+"""The machinery of stages; knows nothing about shapes."""
+
+from pipeline import artefact
+from pipeline.executor import item_rng, parallel_map, progress
+from pipeline.params import (
+    DeformParams,
+    EvaluateParams,
+    ExtractParams,
+    FitParams,
+    ImportParams,
+    MatchParams,
+    Params,
+    ParamsError,
+    ReportParams,
+    SampleParams,
+    SynthesizeParams,
+    TrainParams,
+    load,
+)
+from pipeline.stage import run_stage
+
+__all__ = [
+    "DeformParams",
+    "EvaluateParams",
+    "ExtractParams",
+    "FitParams",
+    "ImportParams",
+    "MatchParams",
+    "Params",
+    "ParamsError",
+    "ReportParams",
+    "SampleParams",
+    "SynthesizeParams",
+    "TrainParams",
+    "artefact",
+    "item_rng",
+    "load",
+    "parallel_map",
+    "progress",
+    "run_stage",
+]

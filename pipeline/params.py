@@ -1,0 +1,227 @@
+"""The schema of `params.yaml`: one frozen model a stage.
+
+The schema has no defaults: every value stands in the file, because `pipeline/` is not among
+the stages' `deps` and a default changed here would leave stale results. Values that change no
+result (workers, device) are not parameters; `stage.py` takes them from the environment.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+Count = Annotated[int, Field(ge=1)]
+Natural = Annotated[int, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class ParamsError(ValueError):
+    """Parameters that are missing, unknown or of the wrong type; the message names all of them."""
+
+
+class Params(BaseModel):
+    """What the parameters of every stage share."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+
+    format: Count  # of all artefacts; a change of pipeline/ that alters bytes raises it
+
+
+class SynthesizeParams(Params):
+    """How many procedural shapes, and how broken."""
+
+    train: Count  # training shapes a category
+    val: Natural  # validation shapes a category
+    defective: Share  # of the parts written with a defect: opened, flipped or doubled faces
+    seed: Natural
+
+
+class ImportParams(Params):
+    """How foreign files are read and repaired."""
+
+    include: str  # glob over shape names; "*" takes all
+    up: Literal["y", "z"]  # up axis of the files
+    weld: Positive  # vertices nearer than this are one, canonical units
+    max_faces: Count  # a shape
+    max_parts: Count  # a shape
+    min_thickness: Positive  # a part thinner than this is rejected as a sheet, canonical units
+    max_rejected: Share  # of the shapes; more stops the stage
+
+
+class FitParams(Params):
+    """Minimum-volume cuboids."""
+
+    slack: NonNegative  # boxes within (1 + slack) of the minimum volume compete for the axes nearest the canonical
+    min_size: Positive  # thinner cuboids are made this thick, canonical units
+    margin: NonNegative  # how far a part may stick out of its cuboid, canonical units
+    max_rejected: Share
+
+
+class MatchParams(Params):
+    """Who is deformed towards whom."""
+
+    unmatched: Literal["drop", "scale"]  # a shape without a partner
+    scale: tuple[Positive, Positive]  # range of the factors where `unmatched` is scale
+    max_rejected: Share
+    seed: Natural
+
+
+class DeformParams(Params):
+    """The steps of a sequence."""
+
+    steps: Count  # of a sequence, the rest shape among them
+    held_out: tuple[Natural, ...]  # steps kept from training
+
+
+class SampleParams(Params):
+    """Points of one deformed shape, and the shards they go to."""
+
+    near: Count  # importance sampled
+    uniform: Natural  # in the whole cube
+    per_cuboid: Natural  # at least so many in each cuboid
+    beta: Positive  # importance weight is exp(-beta |sdf|)
+    shards: Count  # files
+    max_rejected: Share
+    seed: Natural
+
+
+class TrainParams(Params):
+    """One arm: network, data and schedule."""
+
+    decoder: Literal["CageDecoder", "LocalCageDecoder", "DeepSdfDecoder"]
+    latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
+    steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
+    points_of: Literal["cage", "cube"]  # points within `reach` of their cuboid, or of the whole cube
+    reach: NonNegative  # canonical units
+    width: Count  # hidden units a layer
+    layers: Count  # hidden layers
+    latent_dim: Count
+    mapping: tuple[Count, ...]  # hidden widths of the mapping network
+    octaves: Natural  # sine features of each coordinate the backbone is given
+    clamp: NonNegative  # of distances in the loss, canonical units; 0: none
+    latent_weight: NonNegative  # λ
+    latent_std: Positive  # of the initial codes' norm
+    steps: Count  # optimiser steps
+    batch_chunks: Count  # groups a step
+    learning_rate: Positive
+    latent_learning_rate: Positive
+    schedule: Literal["cosine", "halve"]  # to zero, or halved every `halve_every` steps
+    halve_every: Count
+    precision: Literal["float32", "bfloat16"]  # of the matrix products; weights are float32
+    checkpoint_every: Count  # steps
+    log_every: Count  # steps
+    seed: Natural
+
+
+class ExtractParams(Params):
+    """Which surfaces, how fine."""
+
+    resolution: Count  # cells along [-1.05, 1.05]
+    sources: Count  # at most so many source shapes, drawn by seed (Table 1)
+    held_out: Count  # at most so many shapes whose held-out steps are extracted (Table 2)
+    outside: Literal["union", "constant"]  # field outside cuboids: distance to their union, or the paper's 0.1
+    seed: Natural
+
+
+class EvaluateParams(Params):
+    """How surfaces are measured."""
+
+    points: Count  # on each surface
+    volume_points: Count  # for IoU
+    detail: Positive  # true surface further than this share of the longest side from the cage counts as detail
+    seeds: tuple[Natural, ...]  # figures are averaged over these
+
+
+class ReportParams(Params):
+    """What the page shows."""
+
+    shapes: Count  # a category, in the comparison picture
+    image_size: Count  # pixels along each side of one cell
+
+
+SECTIONS: dict[str, type[Params]] = {
+    "synthesize": SynthesizeParams,
+    "import_shapes": ImportParams,
+    "fit_cuboids": FitParams,
+    "match_targets": MatchParams,
+    "deform_sequences": DeformParams,
+    "sample_points": SampleParams,
+    "train": TrainParams,
+    "extract_meshes": ExtractParams,
+    "evaluate": EvaluateParams,
+    "report": ReportParams,
+}
+
+
+class RunParams(BaseModel):
+    """What the DVC graph is multiplied by, and where its code lies."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    categories: tuple[str, ...]
+    arms: tuple[str, ...]
+    code: str  # path of the project's root from the folder of params.yaml
+
+
+def load(section: str, path: Path = Path("params.yaml")) -> Any:
+    """The parameters of one section: a stage's name, or `arms.<name>`.
+
+    The whole file is checked first. Raises ParamsError that names every missing, unknown or
+    ill-typed entry by its path, and every unreadable file.
+    """
+    sections = check(path)
+    if section not in sections:
+        raise ParamsError(f"{path}: has no section {section!r}; there are {', '.join(sections)}")
+    return sections[section]
+
+
+def check(path: Path) -> dict[str, Params]:
+    """All sections of a parameter file, arms merged with `train`. Raises ParamsError as `load` does."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ParamsError(f"{path}: can't be read ({error.strerror}); run in a folder with a params.yaml") from error
+    except yaml.YAMLError as error:
+        raise ParamsError(f"{path}: is not YAML ({error})") from error
+    if not isinstance(content, dict):
+        raise ParamsError(f"{path}: wanted a mapping of sections, got {type(content).__name__}")
+    problems: list[str] = []
+    sections: dict[str, Params] = {}
+
+    def validate(place: str, model: type[BaseModel], values: Any) -> Any:
+        try:
+            return model.model_validate(values)
+        except ValidationError as error:
+            for item in error.errors():
+                name = ".".join([place, *map(str, item["loc"])])
+                got = "" if item["type"] == "missing" else f", got {item['input']!r}"
+                problems.append(f"{name}: {item['msg'].lower()}{got}")
+            return None
+
+    known = {*SECTIONS, "arms", "run", "format"}
+    problems += [f"{name}: unknown section; there are {', '.join(sorted(known))}" for name in content if name not in known]
+    problems += [f"{name}: section missing" for name in sorted(known) if name not in content]
+    if problems:
+        raise ParamsError(f"{path}: " + "; ".join(problems))
+    run = validate("run", RunParams, content["run"])
+    for name, model in SECTIONS.items():
+        values = content[name]
+        sections[name] = validate(
+            name, model, {"format": content["format"], **values} if isinstance(values, dict) else values
+        )
+    arms = content["arms"] if isinstance(content["arms"], dict) else {}
+    for name, differences in arms.items():
+        merged = {"format": content["format"], **content["train"], **(differences or {})}
+        before = len(problems)
+        sections[f"arms.{name}"] = validate(f"arms.{name}", TrainParams, merged)
+        # What is wrong in train is said once.
+        told = {problem.split(":")[0].split(".", 1)[1] for problem in problems[:before] if problem.startswith("train.")}
+        problems[before:] = [p for p in problems[before:] if p.split(":")[0].split(".", 2)[2] not in told]
+    if run is not None:
+        problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
+    if problems:
+        raise ParamsError(f"{path}: " + "; ".join(problems))
+    return sections

@@ -1,0 +1,1 @@
+"""The stages, one thin file each. `dvc.yaml` says where their files lie."""
