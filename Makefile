@@ -1,0 +1,44 @@
+# make help lists the commands. Without make: README.md, "Without make".
+
+PYTHON ?= python3
+BIN := $(CURDIR)/.venv/bin
+export PATH := $(BIN):$(PATH)
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: help repro own test check
+
+help:
+	@echo 'make repro                          the whole pipeline, default size, then the report'
+	@echo 'make repro PROFILE=tiny             the same in work/tiny with profiles/tiny.yaml'
+	@echo 'make own DATA=folder NAME=chair     your own shapes, in work/own-chair'
+	@echo '         [INCLUDE="Chair_*"] [UP=z]'
+	@echo 'make test                           the tests'
+	@echo 'make check                          ruff and mypy'
+
+.venv/installed: pyproject.toml constraints.txt
+	test -x .venv/bin/python || $(PYTHON) -m venv .venv
+	$(PIP) -e .
+	touch $@
+
+.venv/installed-dev: .venv/installed
+	$(PIP) -e '.[dev]'
+	touch $@
+
+repro: .venv/installed
+ifdef PROFILE
+	@folder=$$(python -m pipeline.workspace profile "$(PROFILE)") && cd "$$folder" && dvc repro && \
+	echo "The report: $$folder/data/report/index.html"
+else
+	@dvc repro && echo "The report: $(CURDIR)/data/report/index.html"
+endif
+
+own: .venv/installed
+	@folder=$$(python -m pipeline.workspace own --data "$(DATA)" --name "$(NAME)" \
+		$(if $(INCLUDE),--include "$(INCLUDE)") $(if $(UP),--up "$(UP)")) && cd "$$folder" && dvc repro && \
+	echo "The report: $$folder/data/report/index.html"
+
+test: .venv/installed-dev
+	python -m pytest -n 2
+
+check: .venv/installed-dev
+	ruff check . && ruff format --check . && mypy
