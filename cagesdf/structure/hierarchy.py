@@ -133,7 +133,7 @@ class PartHierarchy(Structure):
         return PartHierarchy.from_dict(json.loads(text))
 
     @staticmethod
-    def from_dict(entry: dict[str, Any]) -> "PartHierarchy":
+    def from_dict(entry: Any) -> "PartHierarchy":
         """Read StructureNet's JSON object.
 
         Ids that occur twice (StructureNet gives every unlabelled remainder the id −1) are made
