@@ -13,9 +13,9 @@ from pipeline.params import load
 def run_stage(main: Callable[..., None]) -> None:
     """Call `main` with the paths on the command line and the parameters of its section.
 
-    Positional arguments are `main`'s, in its order, all paths; the last, `params`, is read from
-    `params.yaml` in this folder: from the section that is named like the stage, or the one
-    after `--params`. What is wrong with paths, parameters or data is said in one line, exit
+    Positional arguments are `main`'s, in its order and of the types it annotates (paths, names);
+    the last, `params`, is read from `params.yaml` in this folder: from the section that is named
+    like the stage, or the one after `--params`. What is wrong with paths, parameters or data is said in one line, exit
     status 1; `CAGESDF_TRACEBACK=1` shows where it came from.
     """
     file = Path(inspect.getfile(main))
@@ -23,13 +23,13 @@ def run_stage(main: Callable[..., None]) -> None:
         prog=f"python -m stages.{file.stem}", description=sys.modules[main.__module__].__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    names = [name for name in inspect.signature(main).parameters if name != "params"]
-    for name in names:
-        parser.add_argument(name, type=Path)
+    types = {name: item.annotation for name, item in inspect.signature(main).parameters.items() if name != "params"}
+    for name, kind in types.items():
+        parser.add_argument(name, type=kind)
     parser.add_argument("--params", default=file.stem, help="section of params.yaml (default: the stage's name)")
     arguments = parser.parse_args()
     try:
-        main(*(getattr(arguments, name) for name in names), params=load(arguments.params))
+        main(*(getattr(arguments, name) for name in types), params=load(arguments.params))
     except (ValueError, OSError, RuntimeError) as error:
         if os.environ.get("CAGESDF_TRACEBACK"):
             raise
