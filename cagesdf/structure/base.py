@@ -31,8 +31,12 @@ class Structure(ABC):
         """The same structure with new cuboids for its parts."""
 
     @abstractmethod
+    def signatures(self) -> dict[str, str]:
+        """By node id, a text that two subtrees share if they are equal up to continuous parameters (§3.3)."""
+
     def signature(self) -> str:
-        """A text that two structures share if they are equal up to continuous parameters (§3.3)."""
+        """The root's signature: that of the whole structure."""
+        return self.signatures()[self.root()]
 
     @abstractmethod
     def to_json(self) -> str:

@@ -86,24 +86,29 @@ class PartHierarchy(Structure):
 
         return PartHierarchy(renew(self.tree))
 
-    def signature(self) -> str:
-        """Labels, nesting and counts of the tree, and which siblings are related how.
+    def signatures(self) -> dict[str, str]:
+        """By node id: labels, nesting and counts of the subtree, and which siblings are related how.
 
         Siblings are sorted by their own signature, so their order in the file doesn't matter;
         adjacency, which comes and goes with proportions, is left out.
         """
 
+        signatures: dict[str, str] = {}
+
         def sign(node: Node) -> str:
-            signatures = {child.node_id: sign(child) for child in node.children}
-            inside = ",".join(sorted(signatures.values()))
+            inside = ",".join(sorted([sign(child) for child in node.children]))
             pairs = sorted(
                 f"{type(r).__name__[:3]}({'~'.join(sorted((signatures[r.a], signatures[r.b])))})"
                 for r in node.relations
                 if not isinstance(r, Adjacency)
             )
-            return node.label + (f"[{inside}]" if inside else "") + (f"{{{','.join(pairs)}}}" if pairs else "")
+            signatures[node.node_id] = (
+                node.label + (f"[{inside}]" if node.children else "") + (f"{{{','.join(pairs)}}}" if pairs else "")
+            )
+            return signatures[node.node_id]
 
-        return sign(self.tree)
+        sign(self.tree)
+        return signatures
 
     def to_dict(self) -> dict[str, Any]:
         """The tree as StructureNet's JSON object."""
