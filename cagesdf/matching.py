@@ -53,17 +53,17 @@ def match_to_one_of(
     return Match(shape_id, target_id, (1.0, 1.0, 1.0), pairs, float(np.mean(distances)), len(partners), reason)
 
 
-def match_to_scaled(
-    shape_id: str, cage: Cage, factors: tuple[float, float], rng: np.random.Generator
-) -> Match:
+def match_to_scaled(shape_id: str, cage: Cage, factors: tuple[float, float], rng: np.random.Generator) -> Match:
     """Deform towards the shape's own cage, scaled along the canonical axes.
 
     The three factors are drawn from the range `factors`, uniform in their logarithm.
     """
-    scale = np.exp(rng.uniform(*np.log(factors), size=3))
+    low, high = np.log(factors)
+    scale = np.exp(rng.uniform(low, high, size=3))
+    x, y, z = scale.tolist()
     cost = float(np.linalg.norm(cage.centre * (scale - 1), axis=1).mean())
     pairs = tuple((part_id, part_id) for part_id in cage.part_ids)
-    return Match(shape_id, None, tuple(scale.tolist()), pairs, cost, 0, "no shape of equal structure: scaled")
+    return Match(shape_id, None, (x, y, z), pairs, cost, 0, "no shape of equal structure: scaled")
 
 
 def correspond(

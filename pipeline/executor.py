@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Rejected = TypeVar("Rejected", bound=Exception)
 RETRIES = 2
 
 
@@ -32,6 +33,11 @@ def item_rng(seed: int, *ids: str | int) -> np.random.Generator:
     return np.random.default_rng([seed, *(zlib.crc32(str(part).encode()) for part in ids)])
 
 
+def draw(seed: int, ids: Iterable[str], count: int) -> list[str]:
+    """At most `count` of `ids`, sorted: the same ones even where some of the others are missing."""
+    return sorted(sorted(ids, key=lambda name: (item_rng(seed, "draw", name).random(), name))[:count])
+
+
 def progress(items: Iterable[Item], total: int, label: str) -> "tqdm[Item]":
     """`items` with a progress bar on standard error; at most two lines a minute where that is no terminal."""
     return tqdm(
@@ -42,9 +48,9 @@ def progress(items: Iterable[Item], total: int, label: str) -> "tqdm[Item]":
 def parallel_map(
     function: Callable[[Item], Result],
     items: Sequence[Item],
-    rejects: type[Exception],
+    rejects: type[Rejected],
     label: str,
-) -> tuple[list[Result], list[Exception]]:
+) -> tuple[list[Result], list[Rejected]]:
     """`function` of every item, in input order, and the exceptions of type `rejects` it raised.
 
     One process a core, one thread each. Any other exception stops the map. A worker that dies
@@ -73,7 +79,7 @@ def parallel_map(
                 ) from error
     bar.close()
     results = [result for result, rejected in outcomes if rejected is None]
-    return results, [rejected for _, rejected in outcomes if rejected is not None]  # type: ignore[return-value]
+    return results, [rejected for _, rejected in outcomes if rejected is not None]  # type: ignore[return-value, misc]
 
 
 class _Call:

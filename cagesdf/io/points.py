@@ -162,11 +162,13 @@ def _chunks(table: pa.Table, path: Path) -> PointChunks:
     near = np.array([name == "near" for name in where_names])[where]
     xyz = np.stack([table[axis].to_numpy() for axis in "xyz"], axis=1)
     step = table["step"].to_numpy()
-    rows = [values.reshape(-1, CHUNK) for values in (shape, step, part)]
-    if any((values != values[:, :1]).any() for values in rows):
+    rows = np.stack([shape, step, part]).reshape(3, -1, CHUNK)
+    if (rows != rows[:, :, :1]).any():
         raise InputError(f"{path}: a chunk mixes shapes, steps or parts; rerun sample_points")
     return PointChunks(
-        *(values[:, 0] for values in rows),
+        rows[0, :, 0],
+        rows[1, :, 0],
+        rows[2, :, 0],
         xyz.reshape(-1, CHUNK, 3),
         table["sdf"].to_numpy().reshape(-1, CHUNK),
         near.reshape(-1, CHUNK),

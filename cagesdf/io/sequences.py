@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -25,39 +26,49 @@ SEQUENCES = Layout(
     ),
     {"frame": "canonical"},
 )
+CAGES = Layout("cages", 1, SEQUENCES.columns[:-1], SEQUENCES.facts)  # what a run keeps of them
 
 
 def write_sequences(folder: Path, sequences: Iterable[Sequence], outside: Mapping[str, np.ndarray]) -> None:
     """Write sequences, and by shape id the (step, part) share of vertices outside their own cuboid."""
-    SEQUENCES.write(
-        folder / "sequences.parquet",
-        [
-            {
-                "shape_id": sequence.shape_id,
-                "target_id": sequence.target_id or "",
-                "step": step,
-                "t": float(sequence.t[step]),
-                "held_out": sequence.held_out[step],
-                "part_id": part_id,
-                "cuboid": cage.vectors()[i],
-                "outside": float(outside[sequence.shape_id][step, i]),
-            }
-            for sequence in sorted(sequences, key=lambda sequence: sequence.shape_id)
-            for step, cage in enumerate(sequence.cages)
-            for i, part_id in enumerate(cage.part_ids)
-        ],
-    )
+    sequences = sorted(sequences, key=lambda sequence: sequence.shape_id)
+    shares = [float(share) for sequence in sequences for share in outside[sequence.shape_id].ravel()]
+    rows = zip(sequence_rows(sequences), shares, strict=True)
+    SEQUENCES.write(folder / "sequences.parquet", [{**row, "outside": share} for row, share in rows])
 
 
 def read_sequences(folder: Path) -> dict[str, Sequence]:
     """Sequences by shape id of their source."""
-    grouped: dict[str, dict[int, list[dict]]] = {}
-    for row in SEQUENCES.read(folder / "sequences.parquet"):
+    return sequences_of(SEQUENCES.read(folder / "sequences.parquet"))
+
+
+def sequence_rows(sequences: Iterable[Sequence]) -> list[dict[str, Any]]:
+    """The columns of CAGES, one row a (shape, step, part), shapes sorted by id."""
+    return [
+        {
+            "shape_id": sequence.shape_id,
+            "target_id": sequence.target_id or "",
+            "step": step,
+            "t": float(sequence.t[step]),
+            "held_out": sequence.held_out[step],
+            "part_id": part_id,
+            "cuboid": vector,
+        }
+        for sequence in sorted(sequences, key=lambda sequence: sequence.shape_id)
+        for step, cage in enumerate(sequence.cages)
+        for part_id, vector in zip(cage.part_ids, cage.vectors())
+    ]
+
+
+def sequences_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Sequence]:
+    """Undo `sequence_rows`: sequences by shape id of their source."""
+    grouped: dict[str, dict[int, list[Mapping[str, Any]]]] = {}
+    for row in rows:
         grouped.setdefault(row["shape_id"], {}).setdefault(row["step"], []).append(row)
     return {shape_id: _sequence(shape_id, list(steps.values())) for shape_id, steps in grouped.items()}
 
 
-def _sequence(shape_id: str, steps: list[list[dict]]) -> Sequence:
+def _sequence(shape_id: str, steps: list[list[Mapping[str, Any]]]) -> Sequence:
     return Sequence(
         shape_id,
         steps[0][0]["target_id"] or None,

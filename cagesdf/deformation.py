@@ -1,0 +1,102 @@
+"""Deformation sequences: cages interpolated towards a target, and surfaces that follow them (§3.3)."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from cagesdf.cuboid import Cage, Sequence
+from cagesdf.errors import InputError
+from cagesdf.matching import Match
+from cagesdf.meshes import Mesh
+from cagesdf.shape import Shape
+
+CONTAINED = 1e-6  # a cuboid contains a point whose signed distance to it is at most this, canonical units
+
+
+def make_sequence(match: Match, cages: Mapping[str, Cage], steps: int, held_out: tuple[int, ...]) -> Sequence:
+    """The sequence from a match's source towards its target: `steps` cages at even values of t.
+
+    Step 0 is the source's own cage. Raises InputError if a held-out step is not one of 1 … steps − 1.
+    """
+    if not set(held_out) <= set(range(1, steps)):
+        raise InputError(f"held_out: got {', '.join(map(str, held_out))}; wanted steps among 1 to {steps - 1}")
+    source = cages[match.shape_id]
+    if match.target_id is None:
+        target = scaled_cage(source, np.array(match.scale))
+    else:
+        target = aligned_cage(source, cages[match.target_id], match.pairs)
+    t = np.linspace(0, 1, steps)
+    return Sequence(
+        match.shape_id,
+        match.target_id,
+        t,
+        tuple(step in held_out for step in range(steps)),
+        (source, *(interpolated_cage(source, target, float(value)) for value in t[1:])),
+    )
+
+
+def aligned_cage(source: Cage, target: Cage, pairs: tuple[tuple[str, str], ...]) -> Cage:
+    """The target's cuboids under the ids of their partners in the source, axes named as there."""
+    partners = dict(pairs)
+    return Cage.of({part_id: target[partners[part_id]].nearest_to(source[part_id].axes) for part_id in source.part_ids})
+
+
+def interpolated_cage(source: Cage, target: Cage, t: float) -> Cage:
+    """The cage at `t`: centres and sizes linearly, axes along the shortest rotation.
+
+    Parts correspond by position.
+    """
+    turns = Rotation.from_matrix(source.axes.swapaxes(1, 2) @ target.axes).as_rotvec()
+    return Cage(
+        source.part_ids,
+        (1 - t) * source.centre + t * target.centre,
+        source.axes @ Rotation.from_rotvec(t * turns).as_matrix(),
+        (1 - t) * source.size + t * target.size,
+    )
+
+
+def scaled_cage(cage: Cage, factors: Float[ndarray, " 3"]) -> Cage:
+    """The cage under an anisotropic scaling along the canonical axes.
+
+    A rotated cuboid's edges don't stay perpendicular. Its axes become the rotation nearest to the
+    scaled edges (their orthogonal polar factor, in which long edges count more, so that a leaning leg
+    still reaches the seat), its sizes the scaled edges' lengths.
+    """
+    edges = cage.size[:, :, None] * cage.axes * factors
+    u, _, v = np.linalg.svd(edges)
+    return Cage(cage.part_ids, cage.centre * factors, u @ v, np.linalg.norm(edges, axis=2))
+
+
+def deform_vertices(vertices: Float[ndarray, "v 3"], own: int, rest: Cage, moved: Cage) -> Float[ndarray, "v 3"]:
+    """Move the vertices of part number `own` from its rest cage to a moved one; canonical.
+
+    Each cuboid takes its points along by trilinear interpolation of its corners. Where these are
+    a cuboid again that is the affine map between the two unit frames. A vertex goes to the average
+    over all cuboids that contain it, its own always among them.
+    """
+    contains = rest.signed_distance(vertices) <= CONTAINED
+    contains[:, own] = True
+    total = np.zeros_like(vertices)
+    for i in np.flatnonzero(contains.any(axis=0)).tolist():
+        inside = contains[:, i]
+        total[inside] += moved.from_unit(rest.to_unit(vertices[inside], i), i)
+    return total / contains.sum(axis=1)[:, None]
+
+
+def deform_shape(shape: Shape, rest: Cage, moved: Cage) -> list[Mesh]:
+    """The parts' meshes after their vertices have followed the cage from `rest` to `moved`; canonical.
+
+    The parts are as closed as they were at rest: only vertices move.
+    """
+    return [
+        part.mesh.with_vertices(deform_vertices(part.mesh.vertices, i, rest, moved))
+        for i, part in enumerate(shape.parts)
+    ]
+
+
+def share_outside(meshes: list[Mesh], cage: Cage) -> Float[ndarray, " p"]:
+    """For each part, the share of its vertices outside its own cuboid: averaging puts them there."""
+    return np.array([np.mean(cage.signed_distance(mesh.vertices)[:, i] > CONTAINED) for i, mesh in enumerate(meshes)])

@@ -1,0 +1,248 @@
+"""Minimum-volume cuboids (elsewhere: minimum oriented bounding boxes) that bound the parts (§3.2).
+
+A hierarchy's parts are free of each other, so each gets its minimum-volume cuboid: `fit_cuboid`.
+Where a program ties the leaf cuboids together, the paper's appendix optimises the program's
+parameters so that its leaves bound the parts and stay near these same cuboids; that fit
+belongs here, beside `fit_cage`, and starts from what `fit_cuboid` finds.
+
+Search: the box of least volume with one face along a given plane has another face along an
+edge of the part's silhouette in that plane (rotating calipers, here all edges at once). The very
+smallest box may touch the convex hull with edges only, so the planes tried are those along two
+hull edges; on a hull of many edges its facets do, which lie close. Then come the planes of the
+best boxes' other faces, until the volume stops falling.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray
+from scipy.spatial import ConvexHull
+
+from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
+from cagesdf.errors import ShapeRejected
+from cagesdf.shape import Shape
+
+FLAT = 1e-6  # extents below this share of the largest count as none
+MERGE = 1e-6  # facet normals closer than this are one
+FEW = 128  # hull edges that are tried two by two
+POLISHED = 8  # boxes whose other faces are tried as planes
+GAIN = 1e-3  # a smaller share of the volume is not worth another round
+BATCH = 64  # planes at once
+ROOM = 1e-12  # canonical units added to each side, so that rounding leaves no point outside
+
+
+def fit_cage(shape: Shape, slack: float, min_size: float, margin: float) -> tuple[Cage, Float[ndarray, " p"]]:
+    """A cuboid for each part of a shape, and the part's overshoot: its largest signed distance to it.
+
+    A cuboid is convex, so the largest over the vertices is the largest over the surface. Raises
+    ShapeRejected if a part's overshoot exceeds `margin` (canonical units).
+    """
+    cage = Cage.of({part.part_id: fit_cuboid(part.mesh.vertices, slack, min_size) for part in shape.parts})
+    overshoot = np.array([cage.signed_distance(part.mesh.vertices)[:, i].max() for i, part in enumerate(shape.parts)])
+    for part, beyond in zip(shape.parts, overshoot):
+        if beyond > margin:
+            reason = f"part {part.part_id} is {beyond:.2g} outside its cuboid, at most {margin:.2g} wanted"
+            raise ShapeRejected(shape.shape_id, "fit_cuboids", reason)
+    return cage, overshoot
+
+
+def fit_cuboid(points: Float[ndarray, "n 3"], slack: float, min_size: float) -> Cuboid:
+    """The cuboid that bounds `points` (canonical): least volume, named axes.
+
+    Of the boxes whose volume is at most (1 + slack) times the least, it is the one nearest to the
+    canonical axes, so that similar parts get similar boxes where the least volume is a near tie
+    (square, round, flat parts). Sizes are at least `min_size`, in the result and in the volumes compared.
+
+    Raises ValueError if there is no point, or one isn't finite.
+    """
+    if len(points) == 0 or not np.isfinite(points).all():
+        raise ValueError(f"a cuboid needs finite points, got {len(points)} of which some are NaN or infinite")
+    hull = _Hull.of(points, min_size)
+    boxes = _search(hull, slack)
+    near = boxes.volume <= (1 + slack) * boxes.volume.min()
+    axes, traces = _name_axes(boxes.axes[near])
+    # Rounded, so that equal boxes found on different ways tie; then the smaller one counts.
+    return _box_along(axes[np.lexsort([boxes.volume[near], -traces.round(9)])[0]], points, min_size)
+
+
+def nearest_frame(direction: Float[ndarray, " 3"]) -> Float[ndarray, "3 3"]:
+    """Of all frames with an axis along ±`direction` (unit), the one nearest to the canonical axes.
+
+    Rows are the axes. It is the least rotation that takes the nearest canonical axis there.
+    """
+    nearest = int(np.abs(direction).argmax())
+    target = direction * np.sign(direction[nearest])
+    between = np.eye(3)[nearest] + target
+    # Two half-turns about lines through the origin: first about the old axis, then about the bisector.
+    turn = 2 * np.outer(between, between) / (between @ between) - np.eye(3)
+    return (turn @ (2 * np.outer(np.eye(3)[nearest], np.eye(3)[nearest]) - np.eye(3))).T
+
+
+def _box_along(axes: Float[ndarray, "3 3"], points: Float[ndarray, "n 3"], min_size: float) -> Cuboid:
+    local = points @ axes.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    return Cuboid((low + high) / 2 @ axes, axes, np.maximum(high - low + 2 * ROOM, min_size))
+
+
+def _name_axes(frames: Float[ndarray, "k 3 3"]) -> tuple[Float[ndarray, "k 3 3"], Float[ndarray, " k"]]:
+    """Each frame under the proper permutation nearest to the canonical axes, and its trace."""
+    traces = np.einsum("pij,kji->kp", PROPER_PERMUTATIONS, frames)
+    return PROPER_PERMUTATIONS[traces.argmax(axis=1)] @ frames, traces.max(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """Candidates."""
+
+    axes: Float[ndarray, "k 3 3"]  # rows are right-handed unit axes
+    volume: Float[ndarray, " k"]  # sizes floored
+
+    @staticmethod
+    def joined(pieces: "list[_Boxes]") -> "_Boxes":
+        return _Boxes(np.concatenate([b.axes for b in pieces]), np.concatenate([b.volume for b in pieces]))
+
+    def best(self, count: int) -> "_Boxes":
+        order = np.argsort(self.volume, kind="stable")[:count]
+        return _Boxes(self.axes[order], self.volume[order])
+
+
+@dataclass(frozen=True, eq=False)
+class _Hull:
+    """A convex hull, thickened where the points are flat."""
+
+    points: Float[ndarray, "v 3"]  # hull vertices
+    edges: Int[ndarray, "e 2"]  # indices into points
+    sides: Int[ndarray, "e 2"]  # the two facets at each edge
+    normals: Float[ndarray, "f 3"]  # unit, outwards
+    areas: Float[ndarray, " f"]
+    min_size: float  # floor of a box's sizes
+
+    @staticmethod
+    def of(points: Float[ndarray, "n 3"], min_size: float) -> "_Hull":
+        hull = ConvexHull(_thickened(points, min_size))
+        used, simplices = np.unique(hull.simplices, return_inverse=True)
+        simplices, vertices = simplices.reshape(-1, 3), hull.points[used]
+        corners = vertices[simplices]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        # A facet's neighbour k lies opposite to its vertex k; each edge is taken from one side.
+        facet, k = np.nonzero(hull.neighbors > np.arange(len(simplices))[:, None])
+        edges = np.stack([simplices[facet, (k + 1) % 3], simplices[facet, (k + 2) % 3]], axis=1)
+        sides = np.stack([facet, hull.neighbors[facet, k]], axis=1)
+        return _Hull(vertices, edges, sides, hull.equations[:, :3], areas, min_size)
+
+    def planes(self) -> Float[ndarray, "k 3"]:
+        """Normals of the planes that a face of a smallest box may lie in."""
+        sharp = self.edges[np.einsum("ij,ij->i", *(self.normals[side] for side in self.sides.T)) < 1 - MERGE]
+        if len(sharp) > FEW:
+            return _distinct(self.normals)
+        along = self.points[sharp[:, 1]] - self.points[sharp[:, 0]]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        a, b = np.triu_indices(len(sharp), 1)
+        normals = np.cross(along[a], along[b])
+        length = np.linalg.norm(normals, axis=1)
+        crossing = length > MERGE
+        normals, a, b = normals[crossing] / length[crossing, None], a[crossing], b[crossing]
+        # Only planes that the hull lies on one side of.
+        depth = normals @ self.points.T
+        low, high = depth.min(axis=1), depth.max(axis=1)
+        rows = np.arange(len(depth))
+        room = FLAT * (high - low)
+        touching = [
+            (at <= low + room) | (at >= high - room) for at in (depth[rows, sharp[a, 0]], depth[rows, sharp[b, 0]])
+        ]
+        return _distinct(normals[touching[0] & touching[1]])
+
+    def heights(self, directions: Float[ndarray, "k 3"]) -> Float[ndarray, " k"]:
+        """Extents along unit directions."""
+        along = directions @ self.points.T
+        return along.max(axis=1) - along.min(axis=1)
+
+    def least_volumes(self, normals: Float[ndarray, "k 3"]) -> Float[ndarray, " k"]:
+        """A lower bound on boxes with a face normal to each direction: height × area of the shadow."""
+        shadows = np.abs(normals @ self.normals.T) @ self.areas / 2
+        return np.maximum(self.heights(normals), self.min_size) * shadows
+
+    def boxes_on(self, normals: Float[ndarray, "k 3"]) -> _Boxes:
+        """All boxes with one face normal to a direction and one along an edge of the silhouette there."""
+        plane, edge = np.nonzero(_on_silhouette(normals @ self.normals.T, self.sides))
+        outline, size = _padded(plane, edge, len(normals))
+        ends = self.points[self.edges[outline]]  # k s 2 3
+        along = ends[:, :, 1] - ends[:, :, 0]
+        along -= np.einsum("ksx,kx->ks", along, normals)[..., None] * normals[:, None]
+        length = np.linalg.norm(along, axis=2)
+        along /= np.maximum(length, 1e-300)[..., None]
+        across = np.cross(normals[:, None], along)
+        ends = ends.reshape(len(normals), -1, 3).swapaxes(1, 2)
+        volume = np.maximum(self.heights(normals), self.min_size)[:, None] * np.prod(
+            [np.maximum(np.ptp(direction @ ends, axis=2), self.min_size) for direction in (along, across)], axis=0
+        )
+        # An edge along the normal has no direction in the plane.
+        real = (np.arange(outline.shape[1]) < size[:, None]) & (length > FLAT * length.max())
+        frames = np.stack([np.broadcast_to(normals[:, None], along.shape), along, across], axis=2)
+        return _Boxes(frames[real], volume[real])
+
+    def boxes_along(self, frames: Float[ndarray, "k 3 3"]) -> _Boxes:
+        """The boxes with these axes."""
+        sizes = self.heights(frames.reshape(-1, 3)).reshape(-1, 3)
+        return _Boxes(frames, np.maximum(sizes, self.min_size).prod(axis=1))
+
+
+def _thickened(points: Float[ndarray, "n 3"], min_size: float) -> Float[ndarray, "m 3"]:
+    """The points, with copies `min_size` apart along the directions in which they have no extent."""
+    centred = points - points.mean(axis=0)
+    _, _, directions = np.linalg.svd(centred.T @ centred)
+    extents = np.ptp(centred @ directions.T, axis=0)
+    rank = int((extents > FLAT * extents.max()).sum())
+    if rank < 2:  # a line's or point's section may be turned at will: as near to the canonical axes as can be
+        directions = nearest_frame(directions[0]) if rank else np.eye(3)
+        extents = np.ptp(centred @ directions.T, axis=0)
+    for direction in directions[extents <= FLAT * extents.max()]:
+        points = np.concatenate([points - direction * min_size / 2, points + direction * min_size / 2])
+    return points
+
+
+def _search(hull: _Hull, slack: float) -> _Boxes:
+    """Boxes that contain the hull: those of least volume, and all others found on the way."""
+    normals = hull.planes()
+    bounds = hull.least_volumes(normals)
+    order = np.argsort(bounds, kind="stable")
+    found = hull.boxes_along(np.eye(3)[None])
+    for start in range(0, len(order), BATCH):
+        # Planes come by their lower bound: once it is above the best volume, no later one matters.
+        batch = order[start : start + BATCH]
+        batch = batch[bounds[batch] <= (1 + slack) * found.volume.min()]
+        if len(batch) == 0:
+            break
+        frames = np.array([nearest_frame(normal) for normal in normals[batch]])
+        found = _Boxes.joined([found, hull.boxes_on(normals[batch]), hull.boxes_along(frames)])
+    least = np.inf
+    while found.volume.min() < least * (1 - GAIN):
+        least = found.volume.min()
+        found = _Boxes.joined([found, hull.boxes_on(found.best(POLISHED).axes.reshape(-1, 3))])
+    return found
+
+
+def _distinct(normals: Float[ndarray, "f 3"]) -> Float[ndarray, "k 3"]:
+    """One of each pair of opposite directions, and of directions within MERGE of each other."""
+    leading = np.abs(normals).argmax(axis=1)
+    keys = normals * np.sign(np.take_along_axis(normals, leading[:, None], axis=1))
+    _, first = np.unique((keys / MERGE).round().astype(np.int64), axis=0, return_index=True)
+    return normals[np.sort(first)]
+
+
+def _on_silhouette(facing: Float[ndarray, "k f"], sides: Int[ndarray, "e 2"]) -> Bool[ndarray, "k e"]:
+    """Edges between a facet that faces a direction and one that doesn't."""
+    towards = facing > 1e-9
+    return towards[:, sides[:, 0]] != towards[:, sides[:, 1]]
+
+
+def _padded(
+    row: Int[ndarray, " m"], value: Int[ndarray, " m"], rows: int
+) -> tuple[Int[ndarray, "k s"], Int[ndarray, " k"]]:
+    """Ragged lists of sorted (row, value) as a rectangle filled up with each row's first value; their lengths."""
+    size = np.bincount(row, minlength=rows)
+    starts = np.cumsum(size) - size
+    table = np.repeat(value[starts][:, None], size.max(), axis=1)
+    table[row, np.arange(len(row)) - starts[row]] = value
+    return table, size

@@ -1,0 +1,113 @@
+"""`points/`: chunks on disk, in shards that any reader understands."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from cagesdf.errors import InputError
+from cagesdf.io.metadata import read_block
+from cagesdf.io.points import (
+    CHUNK,
+    CHUNKS_PER_GROUP,
+    POINTS,
+    PointChunks,
+    join_chunks,
+    read_points,
+    read_shard,
+    shard_paths,
+    write_shard,
+)
+
+
+def chunks(shape_id: str, count: int, part_ids: tuple[str, ...] = ("seat", "leg")) -> PointChunks:
+    rng = np.random.default_rng(count)
+    return PointChunks(
+        np.zeros(count, np.int64),
+        rng.integers(0, 6, count),
+        rng.integers(0, len(part_ids), count),
+        rng.normal(size=(count, CHUNK, 3)).astype(np.float32),
+        rng.normal(size=(count, CHUNK)).astype(np.float32),
+        rng.random((count, CHUNK)) < 0.8,
+        (shape_id,),
+        part_ids,
+    )
+
+
+def keyed(points: PointChunks) -> dict[bytes, tuple]:
+    """Each chunk by its coordinates: an order-free view."""
+    return {
+        points.xyz[i].tobytes(): (
+            points.shape_ids[points.shape_id[i]],
+            int(points.step[i]),
+            points.part_ids[points.part[i]],
+            points.sdf[i].tobytes(),
+            points.near[i].tobytes(),
+        )
+        for i in range(len(points))
+    }
+
+
+def test_joined_chunks_keep_their_names() -> None:
+    pieces = [chunks("b", 5), chunks("a", 7, ("arm", "seat"))]
+    joined = join_chunks(pieces)
+    assert (joined.shape_ids, joined.part_ids) == (("a", "b"), ("arm", "leg", "seat"))
+    assert keyed(joined) == {**keyed(pieces[0]), **keyed(pieces[1])}
+
+
+def test_chunks_come_back_whole_from_several_shards(tmp_path: Path) -> None:
+    pieces = [chunks("b", 5), chunks("a", 300, ("arm", "seat"))]
+    for i, piece in enumerate(pieces):
+        assert write_shard(tmp_path / f"shard-000{i}.parquet", piece, np.random.default_rng(i)) == len(piece) * CHUNK
+    assert keyed(read_points(tmp_path)) == keyed(join_chunks(pieces))
+
+
+def test_a_row_group_is_256_chunks_and_its_chunks_come_from_all_over(tmp_path: Path) -> None:
+    path = tmp_path / "shard-0000.parquet"
+    count = 2 * CHUNKS_PER_GROUP + 10
+    piece = join_chunks([chunks("a", CHUNKS_PER_GROUP), chunks("b", CHUNKS_PER_GROUP + 10)])
+    write_shard(path, piece, np.random.default_rng(0))
+    groups = list(read_shard(path))
+    assert [len(group) for group in groups] == [CHUNKS_PER_GROUP, CHUNKS_PER_GROUP, count - 2 * CHUNKS_PER_GROUP]
+    for group in groups[:2]:
+        names = np.array(group.shape_ids)[group.shape_id]
+        assert 0.35 < (names == "a").mean() < 0.65
+
+
+def test_rows_of_the_file_have_the_documented_columns_and_types(tmp_path: Path) -> None:
+    path = tmp_path / "shard-0000.parquet"
+    write_shard(path, chunks("a", 4), np.random.default_rng(0), beta=60.0)
+    table = pq.read_table(path)
+    assert table.schema.names == ["shape_id", "step", "part_id", "x", "y", "z", "sdf", "where"]
+    assert str(table.schema.field("part_id").type).startswith("dictionary")
+    assert set(table["where"].to_pylist()) == {"near", "uniform"}
+    block = read_block(table.schema, path)
+    assert (block["sign"], block["frame"], block["beta"]) == ("negative inside", "canonical", 60.0)
+    assert set(block["columns"]) == set(table.schema.names)
+
+
+def test_the_same_chunks_and_seed_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("x", "y"):
+        write_shard(tmp_path / name, chunks("a", 40), np.random.default_rng(3))
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+
+
+def test_a_folder_without_shards_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="wanted the output of sample_points"):
+        shard_paths(tmp_path)
+
+
+def test_rows_that_are_no_whole_chunks_or_mix_parts_are_refused(tmp_path: Path) -> None:
+    write_shard(tmp_path / "whole.parquet", chunks("a", 4), np.random.default_rng(0))
+    table = pq.read_table(tmp_path / "whole.parquet")
+    schema = POINTS.schema()
+    pq.write_table(table.slice(0, 100).cast(schema), tmp_path / "cut.parquet")
+    with pytest.raises(InputError, match="100 rows, wanted a multiple of 64"):
+        list(read_shard(tmp_path / "cut.parquet"))
+    step = table["step"].to_numpy().copy()
+    step[10] += 1
+    mixed = table.set_column(1, schema.field("step"), [step])
+    pq.write_table(mixed.cast(schema), tmp_path / "mixed.parquet")
+    with pytest.raises(InputError, match="mixes shapes, steps or parts"):
+        list(read_shard(tmp_path / "mixed.parquet"))

@@ -1,0 +1,70 @@
+"""Shapes built in code: small, closed, of known structure."""
+
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+
+from cagesdf.frames import canonical_similarity
+from cagesdf.io.shapes import write_shapes
+from cagesdf.meshes import Mesh, signed_volume
+from cagesdf.shape import Part, Repair, Shape
+from cagesdf.solid import from_manifold
+from cagesdf.structure.hierarchy import Node, PartHierarchy
+from pipeline import Params, artefact
+
+
+def box(centre, size) -> Mesh:
+    """An axis-aligned box."""
+    return from_manifold(manifold3d.Manifold.cube(list(size), True).translate(list(centre)))
+
+
+def ball(centre, radius: float, segments: int = 32) -> Mesh:
+    """A sphere of triangles."""
+    return from_manifold(manifold3d.Manifold.sphere(radius, segments).translate(list(centre)))
+
+
+def rod(bottom, top, radius: float, taper: float = 0.7, segments: int = 24) -> Mesh:
+    """A tapered cylinder between two points."""
+    along = np.subtract(top, bottom)
+    length = float(np.linalg.norm(along))
+    z = along / length
+    x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
+    x /= np.linalg.norm(x)
+    pose = np.column_stack([x, np.cross(z, x), z, bottom])
+    return from_manifold(manifold3d.Manifold.cylinder(length, radius, radius * taper, segments).transform(pose))
+
+
+def shape_of(shape_id: str, meshes: dict[str, Mesh], tree: Node, split: str = "train") -> Shape:
+    """A shape of closed meshes by part id, brought into the canonical frame."""
+    labels = {node.node_id: node.label for node in tree.walk()}
+    similarity = canonical_similarity(np.concatenate([mesh.vertices for mesh in meshes.values()]), "y")
+    structure = PartHierarchy(tree)
+    parts = []
+    for part_id in structure.parts():
+        mesh = meshes[part_id].with_vertices(similarity.to_canonical(meshes[part_id].vertices))
+        parts.append(
+            Part(part_id, labels[part_id], mesh, Repair("none", len(mesh.faces), len(mesh.faces), signed_volume(mesh)))
+        )
+    return Shape(shape_id, split, tuple(parts), structure, similarity)
+
+
+def stool(
+    shape_id: str, split: str = "train", width: float = 1.0, height: float = 1.0, legs: int = 4, lean: float = 0.1
+) -> Shape:
+    """A seat on tapered legs that lean outwards and reach into the seat."""
+    angles = (np.arange(legs) + 0.5) / legs * 2 * np.pi
+    meshes = {"seat": box([0, height, 0], [width, 0.1, 0.8])}
+    for k, angle in enumerate(angles):
+        foot = np.array([0.4 * width * np.cos(angle), 0, 0.32 * np.sin(angle)])
+        meshes[f"leg{k}"] = rod(foot * (1 + lean), foot + np.array([0, height, 0]), 0.05)
+    base = Node("base", "base", tuple(Node(f"leg{k}", "leg", (), (), None) for k in range(legs)), (), None)
+    tree = Node("root", "stool", (Node("seat", "seat", (), (), None), base), (), None)
+    return shape_of(shape_id, meshes, tree, split)
+
+
+def write_shapes_artefact(out: Path, shapes: list[Shape]) -> Path:
+    """An artefact as import_shapes leaves it."""
+    with artefact.write("shapes", out, inputs={}, params=Params(format=1)) as folder:
+        write_shapes(folder, shapes)
+    return out
