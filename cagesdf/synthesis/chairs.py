@@ -1,0 +1,284 @@
+"""Chairs: eight structures with legs or a pedestal, stretchers, arms and backs of many styles."""
+
+from functools import partial
+
+import numpy as np
+from numpy import ndarray
+
+from cagesdf.meshes import Mesh
+from cagesdf.synthesis import members, slabs, vessels
+from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut
+from cagesdf.synthesis.recipe import Category, Family, Proportions
+from cagesdf.synthesis.surfaces import rounded_rectangle, superellipse
+
+FORWARD = np.array([0.0, 0.0, 1.0])
+RAIL_OF_LEG = {"square": "blocked", "tapered": "blocked", "sabre": "swelled", "round": "swelled", "turned": "beaded"}
+POST_OF_LEG = {"square": "pillar", "tapered": "pillar", "sabre": "swelled", "round": "swelled", "turned": "finial"}
+
+
+def leg(size: ndarray, style: Style) -> Mesh:
+    """A leg of the style's kind."""
+    return members.member(size, members.LEGS[style.kinds["leg"]], style.factors)
+
+
+def post(size: ndarray, style: Style) -> Mesh:
+    """A back's post, to match the legs."""
+    return members.member(size, members.POSTS[POST_OF_LEG[style.kinds["leg"]]], style.factors)
+
+
+def rail(size: ndarray, style: Style) -> Mesh:
+    """A stretcher, to match the legs."""
+    return members.rail(size, members.RAILS[RAIL_OF_LEG[style.kinds["leg"]]], style.factors)
+
+
+def column(size: ndarray, style: Style) -> Mesh:
+    """A pedestal's column."""
+    return members.column(size, style.kinds["leg"], style.factors)
+
+
+def disc(size: ndarray, style: Style) -> Mesh:
+    """A pedestal's foot."""
+    return slabs.disc(size, style.factors)
+
+
+def hoop(size: ndarray, style: Style) -> Mesh:
+    """An arm bent in one piece."""
+    return members.hoop(size, style.factors)
+
+
+def wire(size: ndarray, style: Style) -> Mesh:
+    """A plain rod."""
+    return members.member(size, members.straight, style.factors)
+
+
+def bow(size: ndarray, style: Style) -> Mesh:
+    """A bent back: an arch from the seat up and down again, in the xy plane."""
+    factors = {**style.factors, "wall": 0.0}
+    return vessels.bail(size, factors)
+
+
+def seat(size: ndarray, style: Style, power: float = 4.5) -> Mesh:
+    """A seat: dished, sunk or a cushion; square, or round of a superellipse's power."""
+    if style.kinds["seat"] == "cushioned":
+        return slabs.cushion(size, style.factors)
+    if style.kinds["outline"] == "round" or power == 2:
+        outline = superellipse(size[0] / 2, size[2] / 2, power, 72)
+    else:
+        outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.03 + style.factors["edge"], 72)
+    return slabs.slab(size, outline, style.kinds["edge"], style.kinds["seat"], style.factors)
+
+
+def back(size: ndarray, style: Style) -> Mesh:
+    """A back between posts."""
+    return slabs.panel(size, style.kinds["back"], style.factors)
+
+
+def splat(size: ndarray, style: Style) -> Mesh:
+    """A narrow back."""
+    return slabs.splat(size, style.kinds["back"], style.factors)
+
+
+def slat(size: ndarray, style: Style) -> Mesh:
+    """A rung of a ladder back, or a crest."""
+    return slabs.slat(size, style.kinds["back"], style.factors)
+
+
+def _seat(p: Proportions, power: float = 4.5) -> Draft:
+    cuboid = box(0, p["seat"] - p["thick"] / 2, 0, p["width"], p["thick"], p["depth"])
+    return group("chair_seat", one("seat_surface", cuboid, partial(seat, power=power)))
+
+
+def _corner(p: Proportions, y: float) -> ndarray:
+    """The axis of the right front leg at a height: splayed outwards towards the floor."""
+    out = p["splay"] * (p["seat"] - y)
+    return np.array([p["width"] / 2 - 0.95 * p["leg"] + out, y, p["depth"] / 2 - 0.95 * p["leg"] + 0.7 * out])
+
+
+def _legs(p: Proportions) -> Draft:
+    top = p["seat"] - 0.3 * p["thick"]
+    return four(one("leg", strut(_corner(p, 0.0), _corner(p, top), p["leg"], p["leg"], FORWARD), leg))
+
+
+def _sides(p: Proportions, y: float) -> Draft:
+    """Stretchers from front to back."""
+    front = _corner(p, y)
+    return pair(one("side_stretcher", bar(front, front * [1, 1, -1], 0.6 * p["leg"], 0.6 * p["leg"]), rail))
+
+
+def _cross(p: Proportions, label: str, y: float, z: float) -> Draft:
+    """A stretcher from left to right, `z` of the way from the middle to the front."""
+    end = _corner(p, y) * [1, 1, z]
+    return one(label, bar(end * [-1, 1, 1], end, 0.55 * p["leg"], 0.55 * p["leg"]), rail)
+
+
+def _on_back(p: Proportions, x: float, above: float) -> ndarray:
+    """A point of the reclined back's plane, `above` the seat."""
+    length = p["thick"] + above
+    rear = -(p["depth"] / 2 - 0.6 * p["leg"])
+    return np.array([x, p["seat"] - p["thick"] + length * np.cos(p["recline"]), rear - length * np.sin(p["recline"])])
+
+
+def _half_back(p: Proportions) -> float:
+    """From the middle to a post's axis."""
+    return p["width"] / 2 - 0.6 * p["leg"]
+
+
+def _posts(p: Proportions) -> Draft:
+    x, side = _half_back(p), 0.72 * p["leg"]
+    bottom, top = _on_back(p, x, -0.8 * p["thick"]), _on_back(p, x, p["back"])
+    return pair(one("back_post", strut(bottom, top, side, side, FORWARD), post))
+
+
+def _panel(p: Proportions, low: float, high: float) -> Draft:
+    """A back between the posts, from `low` to `high` as shares of its height."""
+    ends = _on_back(p, 0, low * p["back"]), _on_back(p, 0, high * p["back"])
+    return one("back_surface", strut(*ends, 2 * _half_back(p), p["deep"], FORWARD), back)
+
+
+def _panel_chair(p: Proportions) -> Draft:
+    return group(
+        "chair", _seat(p), group("chair_base", _legs(p)), group("chair_back", _posts(p), _panel(p, 0.28, 0.97))
+    )
+
+
+def _splat_chair(p: Proportions) -> Draft:
+    crest = bar(*(_on_back(p, side * (_half_back(p) + 0.5 * p["leg"]), 0.97 * p["back"]) for side in (-1, 1)), 0.09, p["deep"])
+    tilted = strut(_on_back(p, 0, -0.3 * p["thick"]), _on_back(p, 0, 0.97 * p["back"]), p["splat"], p["deep"], FORWARD)
+    base = group("chair_base", _legs(p), _sides(p, 0.3 * p["seat"]), _cross(p, "cross_stretcher", 0.3 * p["seat"], 0.0))
+    return group("chair", _seat(p), base, group("chair_back", _posts(p), one("crest", crest, slat), one("splat", tilted, splat)))
+
+
+def _ladder_chair(p: Proportions) -> Draft:
+    x, gap = _half_back(p), p["back"] * 0.8 / 3
+    first = bar(_on_back(p, -x, 0.35 * gap + 0.12), _on_back(p, x, 0.35 * gap + 0.12), p["rung"], p["deep"])
+    up = (_on_back(p, 0, 1.0) - _on_back(p, 0, 0.0)) * gap
+    base = group(
+        "chair_base",
+        _legs(p),
+        _sides(p, 0.42 * p["seat"]),
+        _cross(p, "front_stretcher", 0.3 * p["seat"], 1.0),
+        _cross(p, "back_stretcher", 0.5 * p["seat"], -1.0),
+    )
+    return group("chair", _seat(p), base, group("chair_back", _posts(p), row(one("slat", first, slat), up, 3)))
+
+
+def _arm(p: Proportions) -> Draft:
+    rear = p["depth"] / 2 - 0.2 * p["leg"]
+    low = p["seat"] - 0.6 * p["thick"]
+    cuboid = box(p["width"] / 2 - 0.55 * p["leg"], low + p["arm"] / 2, -0.035, 0.8 * p["leg"], p["arm"], 2 * rear)
+    return one("arm", cuboid, hoop)
+
+
+def _arm_chair(p: Proportions) -> Draft:
+    return group(
+        "chair",
+        _seat(p),
+        group("chair_base", _legs(p)),
+        group("chair_arm", pair(_arm(p))),
+        group("chair_back", _posts(p), _panel(p, 0.16, 0.97)),
+    )
+
+
+def _tablet_chair(p: Proportions) -> Draft:
+    arm = _arm(p)
+    assert arm.cuboid is not None
+    x, y, z = arm.cuboid.centre + [0, p["arm"] / 2 - 0.005, 0.06]
+    tablet = box(x - 0.06, y, z, 0.62 * p["width"], 0.045, 0.8 * p["depth"])
+    return group(
+        "chair",
+        _seat(p),
+        group("chair_base", _legs(p), _cross(p, "front_stretcher", 0.35 * p["seat"], 1.0)),
+        group("chair_arm", arm, one("tablet", tablet, seat_tablet)),
+        group("chair_back", _posts(p), _panel(p, 0.4, 0.97)),
+    )
+
+
+def seat_tablet(size: ndarray, style: Style) -> Mesh:
+    """A writing board with a sunk field."""
+    outline = superellipse(size[0] / 2, size[2] / 2, 3.0 if style.kinds["outline"] == "round" else 6.0, 72)
+    return slabs.slab(size, outline, style.kinds["edge"], "sunk", style.factors)
+
+
+def _pedestal_chair(p: Proportions) -> Draft:
+    base = p["foot"]
+    foot = box(0, 0.5 * p["plinth"], 0, base, p["plinth"], base)
+    low, high = 0.6 * p["plinth"], p["seat"] - 0.4 * p["thick"]
+    stem = box(0, (low + high) / 2, 0, p["stem"], high - low, p["stem"])
+    rear = np.array([0.0, p["seat"] - 0.8 * p["thick"], -(p["depth"] / 2 - 0.05)])
+    top = rear + (p["back"] + p["thick"]) * np.array([0, np.cos(p["recline"]), -np.sin(p["recline"])])
+    shell = strut(rear, top, 0.86 * p["width"], p["deep"], FORWARD)
+    return group(
+        "chair",
+        _seat(p, 2.6),
+        group("chair_base", one("pedestal_foot", foot, disc), one("column", stem, column)),
+        group("chair_back", one("back_surface", shell, back)),
+    )
+
+
+def _three_legged(p: Proportions) -> Draft:
+    reach = 0.5 * min(p["width"], p["depth"])
+    top = np.array([0.0, p["seat"] - 0.3 * p["thick"], 0.58 * reach])
+    bottom = np.array([0.0, 0.0, 0.58 * reach + p["splay"] * p["seat"] * 1.6])
+    limb = one("leg", strut(bottom, top, p["leg"], p["leg"], FORWARD), leg)
+    tilted = strut(_on_back(p, 0, -0.8 * p["thick"]), _on_back(p, 0, p["back"]), p["splat"], p["deep"], FORWARD)
+    return group(
+        "chair", _seat(p, 2), group("chair_base", around(limb, 3)), group("chair_back", one("splat", tilted, splat))
+    )
+
+
+def _wire_chair(p: Proportions) -> Draft:
+    x = _half_back(p)
+    frame = strut(_on_back(p, 0, -0.6 * p["thick"]), _on_back(p, 0, p["back"]), 2 * x, 0.5 * p["leg"], FORWARD)
+    step = 2 * x / 6
+    low, high = _on_back(p, -2 * step, -0.6 * p["thick"]), _on_back(p, -2 * step, 0.84 * p["back"])
+    rod = one("spindle", strut(low, high, p["wire"], p["wire"], FORWARD), wire)
+    base = group("chair_base", _legs(p), _sides(p, 0.35 * p["seat"]))
+    return group(
+        "chair", _seat(p), base, group("chair_back", one("bow", frame, bow), row(rod, np.array([step, 0.0, 0.0]), 5))
+    )
+
+
+COMMON = {
+    "width": (0.40, 0.62),
+    "depth": (0.38, 0.58),
+    "seat": (0.36, 0.52),
+    "thick": (0.06, 0.1),
+    "leg": (0.06, 0.1),
+    "back": (0.36, 0.66),
+    "recline": (0.08, 0.3),
+    "deep": (0.065, 0.11),
+}
+UPRIGHT = {**COMMON, "splay": (0.0, 0.0)}
+SPLAYED = {**COMMON, "splay": (0.08, 0.24)}
+
+CHAIRS = Category(
+    families={
+        "panel": Family(_panel_chair, SPLAYED),
+        "splat": Family(_splat_chair, {**UPRIGHT, "splat": (0.14, 0.22)}),
+        "ladder": Family(_ladder_chair, {**UPRIGHT, "rung": (0.07, 0.12)}),
+        "arms": Family(_arm_chair, {**UPRIGHT, "width": (0.48, 0.7), "arm": (0.2, 0.3)}),
+        "tablet": Family(_tablet_chair, {**UPRIGHT, "width": (0.48, 0.66), "arm": (0.24, 0.32)}),
+        "pedestal": Family(
+            _pedestal_chair, {**COMMON, "foot": (0.34, 0.52), "plinth": (0.05, 0.1), "stem": (0.1, 0.18)}
+        ),
+        "three_legged": Family(_three_legged, {**SPLAYED, "splat": (0.18, 0.28)}),
+        "wire": Family(_wire_chair, {**SPLAYED, "wire": (0.006, 0.0085)}),
+    },
+    kinds={
+        "leg": tuple(members.LEGS),
+        "seat": ("dished", "sunk", "cushioned"),
+        "edge": tuple(slabs.EDGES),
+        "outline": ("square", "round"),
+        "back": ("bent", "pierced", "slatted", "cushioned"),
+    },
+    factors={
+        "edge": (0.006, 0.026),
+        "turnings": (3, 7),
+        "pitch": (0.045, 0.09),
+        "bend": (0.015, 0.055),
+        "dish": (0.012, 0.03),
+        "taper": (0.38, 0.8),
+    },
+    counts=frozenset({"turnings"}),
+    driven=("taper", "leg"),
+)

@@ -1,0 +1,102 @@
+"""Which shapes make up a procedural data set, and their meshes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cagesdf.cuboid import Cage
+from cagesdf.meshes import Mesh
+from cagesdf.shape import RawPart
+from cagesdf.synthesis.chairs import CHAIRS
+from cagesdf.synthesis.layout import Drawing, finish
+from cagesdf.synthesis.recipe import Category, Recipe
+from cagesdf.synthesis.tables import TABLES
+from cagesdf.synthesis.vases import VASES
+
+CATEGORIES: dict[str, Category] = {"chair": CHAIRS, "table": TABLES, "vase": VASES}
+NOISE = 0.12  # of the driven factor, as a share of its range
+
+
+def draw_recipes(category: str, train: int, val: int, rng: np.random.Generator) -> list[Recipe]:
+    """Recipes of a data set: first `train`, then `val`, families in turn.
+
+    Of a family's shapes in one split, one in four has the cage of an earlier one and a fresh
+    style, and one in four the style of an earlier one and a fresh cage. The splits share
+    neither. Raises ValueError for an unknown category.
+    """
+    if category not in CATEGORIES:
+        raise ValueError(f"category {category!r}: wanted one of {', '.join(CATEGORIES)}")
+    recipes: list[Recipe] = []
+    for split, count in (("train", train), ("val", val)):
+        begun = len(recipes)
+        for _ in range(count):
+            recipes.append(_draw(category, split, recipes[begun:], len(recipes), rng))
+    return recipes
+
+
+def _draw(category: str, split: str, earlier: Sequence[Recipe], number: int, rng: np.random.Generator) -> Recipe:
+    kit = CATEGORIES[category]
+    name = list(kit.families)[len(earlier) % len(kit.families)]
+    family = kit.families[name]
+    relatives = [recipe for recipe in earlier if recipe.family == name]
+    turn = len(relatives) % 4
+    proportions = {key: float(rng.uniform(low, high)) for key, (low, high) in family.ranges.items()}
+    if turn == 2:
+        proportions = dict(relatives[-2].proportions)
+    kinds = {key: str(rng.choice(choices)) for key, choices in kit.kinds.items()}
+    factors = {key: float(rng.uniform(low, high)) for key, (low, high) in kit.factors.items()}
+    factors |= {key: float(np.floor(rng.uniform(kit.factors[key][0], kit.factors[key][1] + 1))) for key in sorted(kit.counts)}
+    factor, driver = kit.driven
+    factors[factor] = _follow(proportions[driver], family.ranges[driver], kit.factors[factor], rng)
+    if turn == 3:
+        kinds, factors = dict(relatives[-2].kinds), dict(relatives[-2].factors)
+    return Recipe(
+        f"{category}_{number:04d}",
+        split,
+        category,
+        name,
+        proportions,
+        kinds,
+        factors,
+        relatives[-2].shape_id if turn == 2 else "",
+        relatives[-2].shape_id if turn == 3 else "",
+    )
+
+
+def _follow(value: float, source: tuple[float, float], target: tuple[float, float], rng: np.random.Generator) -> float:
+    """A place in `target` like that of `value` in `source`, give or take NOISE."""
+    share = (value - source[0]) / (source[1] - source[0]) + rng.normal(0, NOISE)
+    return float(target[0] + np.clip(share, 0, 1) * (target[1] - target[0]))
+
+
+def draw(recipe: Recipe) -> Drawing:
+    """The structure with its cuboids, and what fills them."""
+    family = CATEGORIES[recipe.category].families[recipe.family]
+    return finish(family.draw(recipe.proportions))
+
+
+def cage_of(recipe: Recipe) -> Cage:
+    """The recipe's cuboids, raw frame, axes as their surfaces are made."""
+    return Cage.of(draw(recipe).structure.cuboids())
+
+
+def build(cage: Recipe, style: Recipe) -> list[RawPart]:
+    """The parts of the cuboids of one recipe in the style of another, raw frame, each closed.
+
+    `build(a, a)` is the shape of `a`. Each mesh fills its cuboid, whatever the style. Raises
+    ValueError if the recipes are of different families: their parts don't correspond.
+    """
+    if (cage.category, cage.family) != (style.category, style.family):
+        raise ValueError(
+            f"cuboids of {cage.shape_id} ({cage.category} {cage.family}) can't take the style of {style.shape_id} "
+            f"({style.category} {style.family}); wanted recipes of one family"
+        )
+    drawing = draw(cage)
+    labels, cuboids = drawing.structure.labels(), drawing.structure.cuboids()
+    parts = []
+    for part_id, surface in drawing.surfaces.items():
+        cuboid = cuboids[part_id]
+        mesh = surface(cuboid.size, style.style)
+        placed = Mesh(mesh.vertices @ cuboid.axes + cuboid.centre, mesh.faces)
+        parts.append(RawPart(part_id, labels[part_id], placed))
+    return parts

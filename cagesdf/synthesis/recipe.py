@@ -1,0 +1,63 @@
+"""Recipes: everything a procedural shape is made from, as names and numbers."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+
+from cagesdf.errors import InputError
+from cagesdf.synthesis.layout import Draft, Style
+
+Range = tuple[float, float]
+Proportions = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One shape: a family gives the structure, proportions its cage, kinds and factors its style."""
+
+    shape_id: str  # <category>_<number>
+    split: str  # "train" or "val"
+    category: str
+    family: str  # structure: same parts, labels and relations
+    proportions: Mapping[str, float]  # of the cage, raw units or radians
+    kinds: Mapping[str, str]  # choices of style
+    factors: Mapping[str, float]  # numbers of style; lengths in raw units
+    same_cage: str  # id of the shape that has the same proportions, or ""
+    same_style: str  # id of the shape that has the same kinds and factors, or ""
+
+    @property
+    def style(self) -> Style:
+        """Kinds and factors together."""
+        return Style(self.kinds, self.factors)
+
+    def to_json(self, **facts: object) -> str:
+        """The recipe, and further facts about the file beside it, as indented JSON."""
+        return json.dumps({**asdict(self), **facts}, indent=1, sort_keys=True) + "\n"
+
+    @staticmethod
+    def from_json(text: str) -> "Recipe":
+        """Undo `to_json`, further facts left aside. Raises InputError if a field is missing."""
+        content = json.loads(text)
+        try:
+            return Recipe(**{name: content[name] for name in Recipe.__dataclass_fields__})
+        except (KeyError, TypeError) as error:
+            raise InputError(f"recipe: field {error} is missing; wanted a recipe.json written by synthesize") from error
+
+
+@dataclass(frozen=True)
+class Family:
+    """A structure, and the range that each of its proportions is drawn from."""
+
+    draw: Callable[[Proportions], Draft]
+    ranges: Mapping[str, Range]
+
+
+@dataclass(frozen=True)
+class Category:
+    """The families of a kind of thing, and the styles that all of them can have."""
+
+    families: Mapping[str, Family]
+    kinds: Mapping[str, tuple[str, ...]]
+    factors: Mapping[str, Range]
+    counts: frozenset[str]  # factors that are whole numbers
+    driven: tuple[str, str]  # the one factor that follows a proportion, and that proportion
