@@ -1,0 +1,94 @@
+"""From a point, a latent and a cuboid to a signed distance: the paper's network, ours, the baseline.
+
+All have one signature, for groups of points that share one latent and one cuboid. Points and
+cuboids are canonical, distances too, negative inside. `cuboid` is the 15-vector of
+`Cage.vectors`: centre, axes by rows, full lengths.
+"""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from cagesdf.models.film import FilmBackbone
+
+CUBOID = 15  # numbers that describe a cuboid (§3.1)
+
+
+class CageDecoder(nn.Module):
+    """The paper's network: points in the shape's frame, FiLM by latent and cuboid (§3.1, Fig. 2)."""
+
+    def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
+        super().__init__()
+        self.octaves = octaves
+        self.backbone = FilmBackbone(3 + 6 * octaves, latent_dim + CUBOID, width, layers, mapping)
+
+    def forward(
+        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    ) -> Float[Tensor, "g n"]:
+        """Signed distance of each point."""
+        features = torch.cat([points, sine_features(points, self.octaves)], dim=-1)
+        return self.backbone(features, torch.cat([latent, cuboid], dim=-1))
+
+
+class LocalCageDecoder(nn.Module):
+    """The same, given the point in its cuboid's frame too.
+
+    Of the cuboid's frame it sees the unit coordinates, with sine features: what scales with the
+    cuboid; and the signed distances to its six faces: what keeps its size, such as bevels.
+    """
+
+    def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
+        super().__init__()
+        self.octaves = octaves
+        self.backbone = FilmBackbone(12 + 6 * octaves, latent_dim + CUBOID, width, layers, mapping)
+
+    def forward(
+        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    ) -> Float[Tensor, "g n"]:
+        """Signed distance of each point."""
+        local = to_local(points, cuboid)
+        half = cuboid[:, None, 12:] / 2
+        unit = local / (2 * half)
+        features = torch.cat(
+            [points, unit, half - local, half + local, sine_features(unit, self.octaves)], dim=-1
+        )
+        return self.backbone(features, torch.cat([latent, cuboid], dim=-1))
+
+
+class DeepSdfDecoder(nn.Module):
+    """The baseline, as published: [latent, point] into a plain network, and again halfway (Park et al. 2019)."""
+
+    def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
+        super().__init__()
+        self.octaves = octaves
+        self.skip = layers // 2
+        inputs = 3 + 6 * octaves + latent_dim
+        self.hidden = nn.ModuleList(
+            [nn.Linear(inputs if i == 0 else width + inputs if i == self.skip else width, width) for i in range(layers)]
+        )
+        self.out = nn.Linear(width, 1)
+
+    def forward(
+        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    ) -> Float[Tensor, "g n"]:
+        """Signed distance of each point; the cuboid plays no part."""
+        shared = latent[:, None].expand(-1, points.shape[1], -1)
+        inputs = torch.cat([points, sine_features(points, self.octaves), shared], dim=-1)
+        hidden = inputs
+        for i, layer in enumerate(self.hidden):
+            hidden = torch.relu(layer(torch.cat([hidden, inputs], dim=-1) if i == self.skip else hidden))
+        return self.out(hidden)[..., 0]
+
+
+def to_local(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n 3"]:
+    """Canonical points in the local frame of their group's cuboid."""
+    return (points - cuboid[:, None, :3]) @ cuboid[:, 3:12].view(-1, 3, 3).mT
+
+
+def sine_features(points: Float[Tensor, "g n 3"], octaves: int) -> Float[Tensor, "g n f"]:
+    """Sine and cosine of π·2^k times each coordinate, k from 0 to `octaves` − 1."""
+    angles = points[..., None, :] * (math.pi * 2.0 ** torch.arange(octaves, device=points.device)[:, None])
+    return torch.cat([angles.sin(), angles.cos()], dim=-1).flatten(-2)

@@ -1,0 +1,49 @@
+"""Featurewise linear modulation (FiLM): what a latent and a cuboid do to a network (§3.1).
+
+All points of a group share one latent and one cuboid, so scales and shifts are computed once
+for a group, never for a point.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+
+class MappingNetwork(nn.Module):
+    """From a condition, [latent, cuboid], to a scale and a shift for every unit of every layer."""
+
+    def __init__(self, condition: int, hidden: Sequence[int], layers: int, width: int) -> None:
+        """`condition` numbers in; a ReLU layer for each width in `hidden`; 2 · `layers` · `width` numbers out."""
+        super().__init__()
+        self.layers = layers
+        self.width = width
+        widths = [condition, *hidden]
+        self.hidden = nn.ModuleList([nn.Linear(a, b) for a, b in zip(widths, widths[1:])])
+        self.out = nn.Linear(widths[-1], 2 * layers * width)
+
+    def forward(self, condition: Float[Tensor, "g c"]) -> Float[Tensor, "g l 2 h"]:
+        """By group and layer: scale − 1, then shift. A scale is near 1 as training starts."""
+        for layer in self.hidden:
+            condition = torch.relu(layer(condition))
+        return self.out(condition).view(-1, self.layers, 2, self.width)
+
+
+class FilmBackbone(nn.Module):
+    """Fully connected ReLU layers from point features to one number, each modulated before its ReLU."""
+
+    def __init__(self, inputs: int, condition: int, width: int, layers: int, mapping: Sequence[int]) -> None:
+        """`inputs` features a point, `condition` numbers a group, `layers` hidden layers of `width` units."""
+        super().__init__()
+        self.mapping = MappingNetwork(condition, mapping, layers, width)
+        # No biases: the shifts are that.
+        self.hidden = nn.ModuleList([nn.Linear(inputs if i == 0 else width, width, bias=False) for i in range(layers)])
+        self.out = nn.Linear(width, 1)
+
+    def forward(self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g c"]) -> Float[Tensor, "g n"]:
+        """One number a point."""
+        film = self.mapping(condition)[:, :, :, None]
+        for i, layer in enumerate(self.hidden):
+            features = torch.relu(layer(features) * (1 + film[:, i, 0]) + film[:, i, 1])
+        return self.out(features)[..., 0]

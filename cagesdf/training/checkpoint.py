@@ -1,0 +1,74 @@
+"""A training that was stopped, in one file that is whole or not there.
+
+The folder's name is a digest of everything the result depends on, so a checkpoint of other
+parameters, data or code is never taken up.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import safetensors
+from safetensors.torch import save_file
+from torch import Tensor
+
+from cagesdf.errors import InputError
+
+KEY = "cagesdf"
+VERSION = 1
+
+
+class Checkpoint:
+    """Tensors and facts of a training under way, in `folder`; nothing is made before the first `save`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.path = folder / "training.safetensors"
+
+    def save(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
+        """Replace what was saved before. A process killed at any moment leaves the old file or the new."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        partial = self.path.with_suffix(".partial")
+        text = json.dumps({"version": VERSION, **facts}, sort_keys=True)
+        save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, {KEY: text})
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(partial, self.path)
+
+    def load(self) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
+        """What was last saved, on the CPU; None if nothing was. Raises InputError for a file that isn't one of ours."""
+        if not self.path.is_file():
+            return None
+        try:
+            with safetensors.safe_open(self.path, framework="pt") as file:
+                facts = json.loads((file.metadata() or {})[KEY])
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
+        except (safetensors.SafetensorError, KeyError, json.JSONDecodeError) as error:
+            raise InputError(f"{self.path}: is no checkpoint of this project ({error!r}); delete it") from error
+        if facts.pop("version", None) != VERSION:
+            raise InputError(f"{self.path}: is a checkpoint of another version, wanted {VERSION}; delete it")
+        return tensors, facts
+
+    def remove(self) -> None:
+        """Delete the folder, if there is one."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def digest_of(facts: Mapping[str, Any]) -> str:
+    """Twenty hexadecimal digits that change with anything in `facts` (JSON values)."""
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def loaded_library() -> dict[str, str]:
+    """SHA-256 by name of every module of this library that the process has imported."""
+    files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
+    return {
+        name: hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        for name, file in sorted(files.items())
+        if file and name.split(".")[0] == __name__.split(".")[0]
+    }
