@@ -28,7 +28,9 @@ MERGE = 1e-6  # facet normals closer than this are one
 FEW = 128  # hull edges that are tried two by two
 POLISHED = 8  # boxes whose other faces are tried as planes
 GAIN = 1e-3  # a smaller share of the volume is not worth another round
-BATCH = 64  # planes at once
+MANY = 1024  # planes, of which more are merged: on a hull so round they lie close
+BATCH = 64  # planes at once at most
+BATCH_EDGES = 2**16  # planes at once times hull edges: bounds the memory
 ROOM = 1e-12  # canonical units added to each side, so that rounding leaves no point outside
 
 
@@ -80,6 +82,9 @@ def nearest_frame(direction: Float[ndarray, " 3"]) -> Float[ndarray, "3 3"]:
 
 
 def _box_along(axes: Float[ndarray, "3 3"], points: Float[ndarray, "n 3"], min_size: float) -> Cuboid:
+    # Perpendicular to the last digit, which frames along the edges of a hull with slivers are not.
+    u, _, v = np.linalg.svd(axes)
+    axes = u @ v
     local = points @ axes.T
     low, high = local.min(axis=0), local.max(axis=0)
     return Cuboid((low + high) / 2 @ axes, axes, np.maximum(high - low + 2 * ROOM, min_size))
@@ -135,7 +140,11 @@ class _Hull:
         """Normals of the planes that a face of a smallest box may lie in."""
         sharp = self.edges[np.einsum("ij,ij->i", *(self.normals[side] for side in self.sides.T)) < 1 - MERGE]
         if len(sharp) > FEW:
-            return _distinct(self.normals)
+            normals, tolerance = _distinct(self.normals, MERGE), MERGE
+            while len(normals) > MANY:
+                tolerance *= 2
+                normals = _distinct(normals, tolerance)
+            return normals
         along = self.points[sharp[:, 1]] - self.points[sharp[:, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         a, b = np.triu_indices(len(sharp), 1)
@@ -151,7 +160,7 @@ class _Hull:
         touching = [
             (at <= low + room) | (at >= high - room) for at in (depth[rows, sharp[a, 0]], depth[rows, sharp[b, 0]])
         ]
-        return _distinct(normals[touching[0] & touching[1]])
+        return _distinct(normals[touching[0] & touching[1]], MERGE)
 
     def heights(self, directions: Float[ndarray, "k 3"]) -> Float[ndarray, " k"]:
         """Extents along unit directions."""
@@ -208,9 +217,10 @@ def _search(hull: _Hull, slack: float) -> _Boxes:
     bounds = hull.least_volumes(normals)
     order = np.argsort(bounds, kind="stable")
     found = hull.boxes_along(np.eye(3)[None])
-    for start in range(0, len(order), BATCH):
+    count = max(1, min(BATCH, BATCH_EDGES // len(hull.edges)))
+    for start in range(0, len(order), count):
         # Planes come by their lower bound: once it is above the best volume, no later one matters.
-        batch = order[start : start + BATCH]
+        batch = order[start : start + count]
         batch = batch[bounds[batch] <= (1 + slack) * found.volume.min()]
         if len(batch) == 0:
             break
@@ -223,11 +233,11 @@ def _search(hull: _Hull, slack: float) -> _Boxes:
     return found
 
 
-def _distinct(normals: Float[ndarray, "f 3"]) -> Float[ndarray, "k 3"]:
-    """One of each pair of opposite directions, and of directions within MERGE of each other."""
+def _distinct(normals: Float[ndarray, "f 3"], tolerance: float) -> Float[ndarray, "k 3"]:
+    """One of each pair of opposite directions, and of directions in the same cell of size `tolerance`."""
     leading = np.abs(normals).argmax(axis=1)
     keys = normals * np.sign(np.take_along_axis(normals, leading[:, None], axis=1))
-    _, first = np.unique((keys / MERGE).round().astype(np.int64), axis=0, return_index=True)
+    _, first = np.unique((keys / tolerance).round().astype(np.int64), axis=0, return_index=True)
     return normals[np.sort(first)]
 
 

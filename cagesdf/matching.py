@@ -1,15 +1,23 @@
-"""Who is deformed towards whom: structurally compatible shapes and their corresponding parts (§3.3)."""
+"""Who is deformed towards whom: structurally compatible shapes and their corresponding parts (§3.3).
+
+Structures are compatible if their signatures are equal. Where parts have no labels, as in plain
+folders of part meshes, a signature says little more than how many there are; then it must also be
+equal which cuboids touch.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
 from cagesdf.cuboid import Cage
 from cagesdf.structure.base import Structure
+
+CONTACT = 0.01  # canonical units: cuboids no further apart touch
+OTHER_CONTACTS = 100.0  # added to the squared distance between parts that touch differently
 
 
 @dataclass(frozen=True)
@@ -25,16 +33,17 @@ class Match:
     reason: str  # why this target, or why scaled
 
 
-def group_by_structure(structures: Mapping[str, Structure]) -> dict[str, tuple[str, ...]]:
+def group_by_structure(structures: Mapping[str, Structure], cages: Mapping[str, Cage]) -> dict[str, tuple[str, ...]]:
     """For each shape the other shapes whose structure is equal up to continuous parameters, sorted."""
-    groups: dict[str, list[str]] = {}
-    signatures = {shape_id: structures[shape_id].signature() for shape_id in sorted(structures)}
-    for shape_id, signature in signatures.items():
-        groups.setdefault(signature, []).append(shape_id)
-    return {
-        shape_id: tuple(other for other in groups[signature] if other != shape_id)
-        for shape_id, signature in signatures.items()
-    }
+    groups: dict[tuple[str, ...], list[str]] = {}
+    keys = {shape_id: _key(structures[shape_id], cages[shape_id]) for shape_id in sorted(structures)}
+    for shape_id, key in keys.items():
+        groups.setdefault(key, []).append(shape_id)
+    return {shape_id: tuple(other for other in groups[key] if other != shape_id) for shape_id, key in keys.items()}
+
+
+def _key(structure: Structure, cage: Cage) -> tuple[str, ...]:
+    return (structure.signature(), *sorted(_contact_classes(structure, cage).values()))
 
 
 def match_to_one_of(
@@ -74,6 +83,7 @@ def correspond(
     Both trees are walked together. Siblings whose subtrees have the same signature can stand for
     each other; of all such assignments the one with the smallest sum of squared distances
     between the subtrees' mean centres is taken, each cage's bounding box being mapped to a unit cube.
+    Unlabelled parts go to parts that touch others alike, as far as there are any.
 
     Raises ValueError if the signatures differ.
     """
@@ -81,6 +91,7 @@ def correspond(
         raise ValueError(f"structures differ: {source.signature()!r} and {target.signature()!r}")
     signatures = source.signatures(), target.signatures()
     centres = _node_centres(source, source_cage), _node_centres(target, target_cage)
+    classes = _contact_classes(source, source_cage), _contact_classes(target, target_cage)
     partners: dict[str, str] = {}
 
     def walk(a: str, b: str) -> None:
@@ -92,17 +103,15 @@ def correspond(
                 [child for child in siblings if table[child] == signature]
                 for siblings, table in zip(children, signatures)
             )
-            order = _assign(np.array([centres[0][i] for i in ours]), np.array([centres[1][j] for j in theirs]))
+            apart = np.array([[centres[0][i] - centres[1][j] for j in theirs] for i in ours])
+            cost = (apart**2).sum(axis=2)
+            cost += [[OTHER_CONTACTS * (classes[0].get(i) != classes[1].get(j)) for j in theirs] for i in ours]
+            order = linear_sum_assignment(cost)[1]
             for child, k in zip(ours, order):
                 walk(child, theirs[k])
 
     walk(source.root(), target.root())
     return tuple((part_id, partners[part_id]) for part_id in source.parts())
-
-
-def _assign(ours: Float[ndarray, "n 3"], theirs: Float[ndarray, "n 3"]) -> Int[ndarray, " n"]:
-    squared = ((ours[:, None] - theirs[None]) ** 2).sum(axis=2)
-    return linear_sum_assignment(squared)[1]
 
 
 def _node_centres(structure: Structure, cage: Cage) -> dict[str, Float[ndarray, " 3"]]:
@@ -121,3 +130,35 @@ def _node_centres(structure: Structure, cage: Cage) -> dict[str, Float[ndarray, 
 
     walk(structure.root())
     return centres
+
+
+def _contact_classes(structure: Structure, cage: Cage) -> dict[str, str]:
+    """A text for each part that others share if they touch alike; empty if every part has a label.
+
+    Each part is named by its signature and how many it touches, then twice more by its own name and those
+    of the parts it touches (Weisfeiler and Lehman's colours).
+    """
+    signatures = structure.signatures()
+    if all(signatures[part_id] for part_id in cage.part_ids):
+        return {}
+    contacts = touching(cage)
+    names = [f"{signatures[part_id]}{contacts[i].sum()}" for i, part_id in enumerate(cage.part_ids)]
+    for _ in range(2):
+        around = [",".join(sorted(names[j] for j in np.flatnonzero(row))) for row in contacts]
+        names = [f"{name}({others})" for name, others in zip(names, around)]
+    return dict(zip(cage.part_ids, names))
+
+
+def touching(cage: Cage) -> Bool[ndarray, "p p"]:
+    """Which cuboids are at most CONTACT apart along every separating axis; none touches itself."""
+    a, b = np.triu_indices(len(cage), 1)
+    crosses = np.cross(cage.axes[a][:, :, None], cage.axes[b][:, None]).reshape(-1, 9, 3)
+    axes = np.concatenate([cage.axes[a], cage.axes[b], crosses], axis=1)
+    length = np.linalg.norm(axes, axis=2, keepdims=True)
+    axes = np.where(length > 1e-6, axes / np.maximum(length, 1e-6), 0)  # of parallel edges: no axis
+    gap = np.abs(np.einsum("mkx,mx->mk", axes, cage.centre[a] - cage.centre[b]))
+    for i in (a, b):
+        gap -= np.einsum("mka,ma->mk", np.abs(np.einsum("mkx,max->mka", axes, cage.axes[i])), cage.size[i] / 2)
+    result = np.zeros((len(cage), len(cage)), dtype=bool)
+    result[a, b] = result[b, a] = gap.max(axis=1, initial=-np.inf) <= CONTACT
+    return result

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from cagesdf.frames import Similarity
 from cagesdf.meshes import Mesh
 from cagesdf.structure.base import Structure
+from cagesdf.structure.hierarchy import PartHierarchy
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,7 @@ class RawShape:
     shape_id: str  # unique in its category
     split: str  # "train" or "val"
     parts: tuple[RawPart, ...]  # in the structure's order
-    structure: Structure  # cuboids in it, if any, are raw too
+    structure: PartHierarchy  # cuboids and relations in it, if any, are raw too
 
 
 @dataclass(frozen=True)

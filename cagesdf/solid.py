@@ -1,10 +1,29 @@
-"""Closed solids: broken part meshes made closed, and the union of a shape's parts."""
+"""Closed solids: broken part meshes made closed, and the union of a shape's parts.
 
+The chain of `make_solid`, cheapest step first; a part's method is the last step that it needed:
+
+    none        it was closed and outward
+    flipped     it was inside out as a whole
+    merged      vertices in one place made one, faces that came twice kept once
+    oriented    faces turned to agree with their neighbours
+    united      pieces that were inside out turned, overlapping pieces made one
+    capped      cut apart where more than two faces meet, the holes of each piece closed
+    wrapped     sheets that nothing closes replaced by a thin surface around them
+
+Only the last step needs pymeshlab, which is imported when it is reached.
+"""
+
+from collections.abc import Sequence
+
+import igl
 import manifold3d
 import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
 
 from cagesdf.cuboid import Cage
-from cagesdf.meshes import Mesh
+from cagesdf.errors import InputError
+from cagesdf.meshes import Mesh, compact, face_areas, is_closed, join, signed_volume, weld
 
 # Faces of [-½, ½]³ over CORNER_ORDER, outwards.
 CUBE_FACES = np.array(
@@ -16,11 +35,29 @@ CUBE_FACES = np.array(
 )  # fmt: skip
 
 
+METHODS = ("none", "flipped", "merged", "oriented", "united", "capped", "wrapped")
+BOWL = 0.5  # a cap larger than this share of its piece, whose rim isn't flat, would fill a bowl
+BOX = 0.6  # a piece on its convex hull that covers more than this share of it is that solid
+FOLDED = 0.02  # caps whose folds take more than this share of a piece's volume are wrong
+SPECK = 1e-3  # flat pieces that make up less than this share of a part's area are dropped
+NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no more, is represented by it
+ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
+OFFSET = 0.002  # canonical units: from a sheet to its wrap
+TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
+
+
+class NotSolidError(ValueError):
+    """A part that no step of the chain makes closed; the message says why and what to do."""
+
+
 def as_manifold(mesh: Mesh) -> manifold3d.Manifold:
-    """The mesh as manifold3d's solid; its `status()` tells whether it is one."""
+    """The mesh as manifold3d's solid; its `status()` tells whether it is one.
+
+    Only for meshes that pass `is_closed`: the library can crash on others.
+    """
     return manifold3d.Manifold(
         manifold3d.Mesh64(
-            vert_properties=np.ascontiguousarray(mesh.vertices, np.float64),
+            vert_properties=np.require(mesh.vertices, np.float64, ["C", "W"]),  # files give read-only arrays
             tri_verts=np.ascontiguousarray(mesh.faces, np.uint64),
         )
     )
@@ -47,3 +84,264 @@ def union(meshes: list[Mesh]) -> Mesh:
 def cage_surface(cage: Cage) -> Mesh:
     """The outer surface of all cuboids of a cage taken together, canonical frame."""
     return union([Mesh(corners, CUBE_FACES) for corners in cage.corners()])
+
+
+def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> tuple[Mesh, str]:
+    """A closed, outward mesh of the same part, and the last of METHODS that it needed.
+
+    `mesh` and the lengths are canonical. Vertices nearer than `tolerance` are one; a piece whose
+    `thickness` is below `min_thickness` is a sheet. Sheets that the rest of the part represents
+    (within NEAR) are dropped, and specks are; others become plates 2 TIGHT thick. A mesh that is
+    closed and outward comes back as it is.
+
+    Raises NotSolidError if the mesh has no faces or no area, has vertices that aren't finite, or
+    is thinner than `min_thickness` even when closed; InputError if the system libraries of
+    pymeshlab are needed and missing.
+    """
+    if len(mesh.faces) == 0:
+        raise NotSolidError("it has no faces; remove the part, or export it again")
+    if not np.isfinite(mesh.vertices).all():
+        raise NotSolidError("it has vertices that are NaN or infinite; export it again")
+    welded = weld(mesh, tolerance)
+    if face_areas(welded).sum() < min_thickness**2:
+        raise NotSolidError(f"its {len(mesh.faces)} faces have no area; remove the part, or export it again")
+    solid, method = _without_loss(mesh, welded, min_thickness) or _close(pieces(welded), min_thickness)
+    if signed_volume(solid) <= 0 or thickness(solid) < min_thickness:
+        raise NotSolidError(
+            f"it has no volume when closed ({method}): {thickness(solid):.2g} thick on average, wanted at least "
+            f"{min_thickness:g}; give it a thickness, or lower min_thickness"
+        )
+    return solid, method
+
+
+def thickness(mesh: Mesh) -> float:
+    """Twice the volume over the area: of a closed board, its thickness, in mesh units."""
+    return 2 * abs(signed_volume(mesh)) / max(float(face_areas(mesh).sum()), 1e-300)
+
+
+def pieces(mesh: Mesh) -> list[Mesh]:
+    """The patches that edges with exactly two faces hold together, the faces of each turned alike.
+
+    A solid that touches itself along an edge, or two that share a face, fall apart there.
+    """
+    faces, patches = igl.bfs_orient(mesh.faces.astype(np.int64))
+    return [compact(Mesh(mesh.vertices, faces[patches == i].astype(np.int32))) for i in range(patches.max() + 1)]
+
+
+# The steps that keep all faces: none, flipped, merged, oriented, united.
+
+
+def _without_loss(mesh: Mesh, welded: Mesh, min_thickness: float) -> tuple[Mesh, str] | None:
+    candidates = [("merged", welded)]
+    if len(welded.faces) == len(mesh.faces):
+        candidates.insert(0, ("none", mesh))
+    for method, candidate in candidates:
+        if is_closed(candidate) and (found := _outward(candidate, min_thickness)):
+            return found[0], max(method, found[1], key=METHODS.index)
+    parts = pieces(welded)
+    if all(is_closed(piece) and thickness(piece) >= min_thickness for piece in parts):
+        return _unite(parts), "oriented" if len(parts) == 1 else "united"
+    return None
+
+
+def _outward(mesh: Mesh, min_thickness: float) -> tuple[Mesh, str] | None:
+    """A closed mesh turned outward, its components united; None if one of them is flat.
+
+    A component that is inside out within others is a cavity, and stays.
+    """
+    method = "none"
+    if signed_volume(mesh) < 0:
+        mesh, method = _flipped(mesh), "flipped"
+    solid = as_manifold(mesh)
+    components = solid.decompose() if solid.status() == manifold3d.Error.NoError else []
+    if not components or min(thickness(from_manifold(component)) for component in components) < min_thickness:
+        return None
+    if len(components) == 1:
+        return mesh, method
+    body = _add([component for component in components if component.volume() > 0])
+    inner = [as_manifold(_flipped(from_manifold(part))) for part in components if part.volume() < 0]
+    cavities = [part for part in inner if (part - body).volume() < 1e-3 * part.volume()]
+    body = _add([body, *(part for part in inner if part not in cavities)]) - _add(cavities)
+    if abs(body.volume() - solid.volume()) <= 1e-9 * solid.volume():
+        return mesh, method
+    return from_manifold(body), "united"
+
+
+def _flipped(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
+
+
+def _add(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
+    return manifold3d.Manifold.batch_boolean(list(solids), manifold3d.OpType.Add)
+
+
+def _unite(closed: list[Mesh]) -> Mesh:
+    """Closed meshes, of whichever orientation each, as one outward surface."""
+    outward = [mesh if signed_volume(mesh) > 0 else _flipped(mesh) for mesh in closed]
+    return outward[0] if len(outward) == 1 else union(outward)
+
+
+# The steps that add faces: capped, wrapped.
+
+
+def _close(parts: list[Mesh], min_thickness: float) -> tuple[Mesh, str]:
+    solids, rest = [], []
+    for piece in parts:
+        capped = cap(piece)
+        cleared = _cleared(capped)
+        solid = cleared if _is_sound(capped, cleared) else _box_like(piece)
+        if solid is not None and thickness(solid) >= min_thickness:
+            solids.append(solid)
+        else:
+            rest.append(cleared)
+    body = _unite(solids) if solids else None
+    loose = [piece for piece in rest if body is None or not _represents(body, piece)]
+    area = sum(float(face_areas(piece).sum()) for piece in parts)
+    if body is not None and sum(float(face_areas(piece).sum()) for piece in loose) < SPECK * area:
+        return body, "capped"
+    shell = wrap(join(loose))
+    return (shell if body is None else union([body, shell])), "wrapped"
+
+
+def cap(mesh: Mesh) -> Mesh:
+    """The mesh with each of its holes closed by triangles between the vertices of the rim.
+
+    `mesh` is one piece, its faces turned alike. Rims in one plane are closed together, so that
+    the end of a tube gets a ring. A bowl, which caps would fill, comes back as it is: its rims
+    aren't flat, and the caps are larger than the share BOWL of the piece.
+    """
+    if is_closed(mesh):
+        return mesh
+    planes = [(rim, *_plane(mesh.vertices[rim])) for rim in _rims(mesh)]
+    groups: dict[tuple[int, ...], list[Int[ndarray, " n"]]] = {}
+    for rim, normal, point, _ in sorted(planes, key=lambda plane: -plane[3]):
+        side = 1 if tuple(normal) > (0, 0, 0) else -1
+        place = np.append(side * normal, side * normal @ point)
+        groups.setdefault(tuple(np.round(place / NEAR).astype(int).tolist()), []).append(rim)
+    caps = Mesh(mesh.vertices, np.concatenate([_fill(mesh.vertices, rims) for rims in groups.values()]))
+    unevenness = max(float(np.abs((mesh.vertices[rim] - point) @ normal).max()) for rim, normal, point, _ in planes)
+    if unevenness > NEAR and face_areas(caps).sum() > BOWL * face_areas(mesh).sum():
+        return mesh
+    return Mesh(mesh.vertices, np.concatenate([mesh.faces, caps.faces]))
+
+
+def _cleared(mesh: Mesh) -> Mesh:
+    """A closed mesh without slivers and folds; one that isn't closed, or that nothing is left of, as it is.
+
+    Caps at T-junctions are slivers, and they make the alpha wrap leak.
+    """
+    solid = as_manifold(mesh) if is_closed(mesh) else manifold3d.Manifold()
+    return mesh if solid.status() != manifold3d.Error.NoError or solid.is_empty() else from_manifold(solid)
+
+
+def _is_sound(capped: Mesh, cleared: Mesh) -> bool:
+    """Whether caps made a solid: where they cross, folds change its volume or it exceeds the convex hull's."""
+    if not is_closed(cleared):
+        return False
+    before, after = signed_volume(capped), signed_volume(cleared)
+    hull = manifold3d.Manifold.hull_points(cleared.vertices)
+    return abs(after - before) <= FOLDED * abs(before) + 1e-9 and abs(after) <= 1.001 * hull.volume() + 1e-9
+
+
+def _box_like(mesh: Mesh) -> Mesh | None:
+    """The convex hull, if the mesh covers most of it and has no face elsewhere: a box that lacks sides that meet."""
+    hull = manifold3d.Manifold.hull_points(mesh.vertices)
+    if hull.is_empty():
+        return None
+    closed = from_manifold(hull)
+    covers = face_areas(mesh).sum() > BOX * face_areas(closed).sum()
+    return closed if covers and _distances(closed, mesh.corners().mean(1)).max() < NEAR else None
+
+
+def _distances(mesh: Mesh, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
+    vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces, np.int64)
+    return np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0])
+
+
+def _rims(mesh: Mesh) -> list[Int[ndarray, " n"]]:
+    """Simple loops of vertices around the holes, in the direction that the missing faces would have."""
+    tail, head = mesh.faces.astype(np.int64).ravel(), np.roll(mesh.faces.astype(np.int64), -1, axis=1).ravel()
+    count = len(mesh.vertices)
+    edges, which = np.unique(np.minimum(tail, head) * count + np.maximum(tail, head), return_inverse=True)
+    surplus = np.bincount(which, np.where(tail < head, 1, -1)).astype(np.int64)
+    onward: dict[int, list[int]] = {}
+    for edge, times in zip(np.repeat(edges, abs(surplus)).tolist(), np.repeat(surplus, abs(surplus)).tolist()):
+        low, high = divmod(edge, count)
+        start, end = (high, low) if times > 0 else (low, high)
+        onward.setdefault(start, []).append(end)
+    # As many open edges leave a vertex as reach it: a walk ends where it began, and each
+    # return to a vertex on the way closes a loop.
+    rims = []
+    for first in sorted(onward):
+        walk, place = [first], {first: 0}
+        while onward[walk[-1]]:
+            vertex = onward[walk[-1]].pop()
+            if vertex not in place:
+                place[vertex] = len(walk)
+                walk.append(vertex)
+                continue
+            rims.append(np.array(walk[place[vertex] :]))
+            for passed in walk[place[vertex] + 1 :]:
+                del place[passed]
+            del walk[place[vertex] + 1 :]
+    return rims
+
+
+def _plane(loop: Float[ndarray, "n 3"]) -> tuple[Float[ndarray, " 3"], Float[ndarray, " 3"], float]:
+    """Unit normal, a point and the enclosed area of the plane nearest to a loop that runs counter-clockwise in it."""
+    point = loop.mean(0)
+    area = np.cross(loop - point, np.roll(loop, -1, axis=0) - point).sum(0) / 2
+    normal = np.linalg.eigh((loop - point).T @ (loop - point))[1][:, 0]
+    return (normal if normal @ area >= 0 else -normal), point, float(np.linalg.norm(area))
+
+
+def _fill(vertices: Float[ndarray, "v 3"], rims: list[Int[ndarray, " n"]]) -> Int[ndarray, "f 3"]:
+    """Triangles between the vertices of rims in one plane; the first rim encloses the largest area."""
+    normal, _, _ = _plane(vertices[rims[0]])
+    across = np.eye(3)[np.abs(normal).argmin()]
+    right = np.cross(across, normal)
+    right /= np.linalg.norm(right)
+    basis = np.stack([right, np.cross(normal, right)], axis=1)
+    triangles = manifold3d.triangulate([vertices[rim] @ basis for rim in rims])
+    return np.concatenate(rims)[triangles].astype(np.int32)
+
+
+def _represents(body: Mesh, sheet: Mesh) -> bool:
+    """Whether all of a sheet lies in a closed body, or outside by no more than NEAR."""
+    weights = np.array([(i, j, 6 - i - j) for i in range(7) for j in range(7 - i)]) / 6
+    points = np.einsum("kc,fcd->fkd", weights, sheet.corners()).reshape(-1, 3)
+    far = points[_distances(body, points) > NEAR]
+    return len(far) == 0 or bool((igl.winding_number(body.vertices, body.faces.astype(np.int64), far) > 0.5).all())
+
+
+def wrap(mesh: Mesh) -> Mesh:
+    """A closed surface around any mesh, TIGHT away from it; sheets become plates twice as thick.
+
+    CGAL's alpha wrap at OFFSET, then each vertex drawn towards its nearest point on the mesh:
+    the wrap itself can't be made so near without millions of faces. Canonical frame. Raises
+    InputError with the line that installs them if system libraries are missing, NotSolidError
+    if the wrap is empty.
+    """
+    vertices, faces = _alpha_wrap(mesh)
+    if len(faces) == 0:
+        raise NotSolidError("nothing is left of it when a surface is stretched over it; export it again")
+    source, source_faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces, np.int64)
+    squared, _, nearest = igl.point_mesh_squared_distance(vertices, source, source_faces)
+    reach = np.maximum(np.sqrt(squared), TIGHT)[:, None]
+    return Mesh(nearest + (vertices - nearest) * (TIGHT / reach), faces.astype(np.int32))
+
+
+def _alpha_wrap(mesh: Mesh) -> tuple[Float[ndarray, "v 3"], Int[ndarray, "f 3"]]:
+    needed = "repairing it needs pymeshlab's system libraries: apt-get install libgl1 libopengl0 libegl1"
+    try:
+        import pymeshlab
+    except ImportError as error:
+        raise InputError(f"{needed} ({error})") from error
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
+    # A plugin whose libraries are missing is left out without an error.
+    if not hasattr(meshes, "generate_alpha_wrap"):
+        raise InputError(needed)
+    meshes.generate_alpha_wrap(alpha=pymeshlab.PureValue(ALPHA), offset=pymeshlab.PureValue(OFFSET))
+    result = meshes.current_mesh()
+    return result.vertex_matrix(), result.face_matrix()

@@ -1,7 +1,7 @@
 """The machinery of stages; knows nothing about shapes."""
 
 from pipeline import artefact
-from pipeline.executor import item_rng, parallel_map, progress
+from pipeline.executor import counter, device, draw, item_rng, parallel_map, progress
 from pipeline.params import (
     DeformParams,
     EvaluateParams,
@@ -11,6 +11,7 @@ from pipeline.params import (
     MatchParams,
     Params,
     ParamsError,
+    ReferencesParams,
     ReportParams,
     SampleParams,
     SynthesizeParams,
@@ -28,11 +29,15 @@ __all__ = [
     "MatchParams",
     "Params",
     "ParamsError",
+    "ReferencesParams",
     "ReportParams",
     "SampleParams",
     "SynthesizeParams",
     "TrainParams",
     "artefact",
+    "counter",
+    "device",
+    "draw",
     "item_rng",
     "load",
     "parallel_map",

@@ -3,8 +3,8 @@
 import os
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import TypeVar
 
 import joblib
@@ -43,6 +43,38 @@ def progress(items: Iterable[Item], total: int, label: str) -> "tqdm[Item]":
     return tqdm(
         items, total=total, desc=label, file=sys.stderr, mininterval=0.5 if sys.stderr.isatty() else 30, dynamic_ncols=True
     )
+
+
+@contextmanager
+def counter(total: int, unit: str, label: str) -> Iterator[Callable[..., None]]:
+    """Yield `count(done, **shown)` for a bar as `progress` shows it, in steps of any size.
+
+    Its first call says where the count starts: what was done before doesn't enter the rate.
+    """
+    bar = progress((), total=total, label=label)
+    bar.unit, bar.unit_scale = f" {unit}", True
+    started = False
+
+    def count(done: int, **shown: str) -> None:
+        nonlocal started
+        bar.set_postfix(shown, refresh=False)
+        if not started:
+            bar.initial = bar.n = done
+            started = True
+        bar.update(done - bar.n)
+
+    with bar:
+        yield count
+
+
+def device() -> str:
+    """Where networks run: CAGESDF_DEVICE, or "cuda" if there is one, or "cpu"."""
+    import torch
+
+    value = os.environ.get("CAGESDF_DEVICE") or "auto"
+    if value != "auto":
+        return value
+    return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 def parallel_map(

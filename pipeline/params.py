@@ -129,10 +129,17 @@ class ExtractParams(Params):
 class EvaluateParams(Params):
     """How surfaces are measured."""
 
-    points: Count  # on each surface
-    volume_points: Count  # for IoU
+    points: Count  # on each surface, for each seed
+    volume_points: Count  # for IoU, for each seed
     detail: Positive  # true surface further than this share of the longest side from the cage counts as detail
     seeds: tuple[Natural, ...]  # figures are averaged over these
+
+
+class ReferencesParams(Params):
+    """What `evaluate_references` shares with two stages, whose sections these are."""
+
+    evaluate: EvaluateParams
+    extract_meshes: ExtractParams
 
 
 class ReportParams(Params):
@@ -224,4 +231,5 @@ def check(path: Path) -> dict[str, Params]:
         problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
-    return sections
+    shared = {name: sections[name] for name in ("evaluate", "extract_meshes")}
+    return sections | {"evaluate_references": ReferencesParams.model_validate({"format": content["format"], **shared})}

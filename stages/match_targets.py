@@ -19,7 +19,7 @@ def main(shapes: Path, cuboids: Path, out: Path, params: MatchParams) -> None:
     with artefact.write("matches", out, inputs={"shapes": shapes, "cuboids": cuboids}, params=params) as folder:
         source, cages = read_shapes(shapes), read_cages(cuboids)
         structures = {shape_id: source.structure(shape_id) for shape_id in source.ids_of("train") if shape_id in cages}
-        partners = group_by_structure(structures)
+        partners = group_by_structure(structures, cages)
 
         matches, rejected = [], []
         for shape_id, others in progress(partners.items(), total=len(partners), label="match_targets"):

@@ -3,11 +3,10 @@
 python -m stages.train data/points/chair data/shapes/chair data/sequences/chair data/runs/chair/cagesdf \\
     --params arms.cagesdf
 
-Run again after an interruption, it goes on from the last file in checkpoints/.
+After an interruption the same command goes on from the last file in checkpoints/.
 """
 
-import os
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 
 import torch
@@ -21,34 +20,67 @@ from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import latent_keys, training_chunks, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.loop import TrainSettings, train
-from pipeline import TrainParams, artefact, item_rng, progress, run_stage
+from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
+
+SIZES = {"width", "layers", "latent_dim", "mapping", "octaves"}
 
 
 def main(points: Path, shapes: Path, sequences: Path, out: Path, params: TrainParams) -> None:
-    """Read `points/`, `shapes/` and `sequences/`, write a run; say which points were used."""
-    device = choose_device()
+    """Read `points/`, `shapes/` and `sequences/`, write a run; say which points it was trained on."""
     inputs = {"points": points, "shapes": shapes, "sequences": sequences}
     with artefact.write("run", out, inputs=inputs, params=params) as folder:
-        checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, device))
-        cages, source, sampled = read_sequences(sequences), read_shapes(shapes), read_points(points)
-        rng = item_rng(params.seed, "train", "chunks")
+        checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params))
+        source, cages, sampled = read_shapes(shapes), read_sequences(sequences), read_points(points)
+        rng = item_rng(params.seed, "train")
         chunks = training_chunks(sampled, cages, params.steps_of, params.points_of, params.reach, rng)
-        print(f"trains on {len(chunks) * CHUNK:,} of {len(sampled) * CHUNK:,} points: {described(params)}")
+        count = {"sampled": len(sampled) * CHUNK, "used": len(chunks) * CHUNK}
+        print(f"{out.name}: {count['used']:,} of {count['sampled']:,} points, {described(params)}")
 
         keys = latent_keys(chunks, params.latents)
-        generator = torch.Generator().manual_seed(params.seed)
-        latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, generator).to(device)
-        decoder = make_decoder(
-            params.decoder, params.width, params.layers, params.latent_dim, params.mapping, params.octaves, params.seed
-        ).to(device)
+        latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
+        decoder = make_decoder(params.decoder, **params.model_dump(include=SIZES), seed=params.seed).to(device())
         settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
         groups = training_set(chunks, cages, latents)
-        points_a_step = params.batch_chunks * CHUNK
-        with progress((), total=params.steps * points_a_step, label=f"train {out.name}") as bar:
-            bar.unit, bar.unit_scale = " points", True
+        batch = settings.batch_chunks * CHUNK
+        with counter(settings.steps * batch, "points", f"train {out.name}") as bar:
+            log = train(
+                decoder, latents, groups, settings, checkpoint, lambda step, loss: bar(step * batch, loss=f"{loss:.5f}")
+            )
 
-            def report(step: int, loss: float) -> None:
-                bar.set_postfix(loss=f"{loss:.5f}", refresh=False)
-                bar.update(step * points_a_step - bar.n)
+        ids = sorted({shape_id for shape_id, _ in keys})
+        run = Run(
+            decoder,
+            latents,
+            {shape_id: cages[shape_id] for shape_id in ids},
+            {shape_id: source.structure(shape_id) for shape_id in ids},
+            {shape_id: source.similarity(shape_id) for shape_id in ids},
+            params.model_dump(mode="json", exclude={"format"}),
+            count,
+        )
+        write_run(folder, run, log)
+    checkpoint.remove()
 
-            log = train(decoder, latents, groups, settings, checkpoint, report)
+
+def described(params: TrainParams) -> str:
+    """Which points those are, in words."""
+    steps = "source shapes" if params.steps_of == "rest" else "all training steps"
+    where = f"inside their cuboid or within {params.reach}" if params.points_of == "cage" else "in the whole cube"
+    return f"those {where}, of {steps}"
+
+
+def digest(inputs: dict[str, Path], params: TrainParams) -> str:
+    """Of all that the weights depend on: parameters, inputs, library, torch and device."""
+    return digest_of(
+        {
+            "params": params.model_dump(mode="json"),
+            "inputs": {kind: artefact.digest_file(path / artefact.MANIFEST) for kind, path in inputs.items()},
+            "library": loaded_library(),
+            "stage": artefact.digest_file(Path(__file__)),
+            "torch": torch.__version__,
+            "device": device(),
+        }
+    )
+
+
+if __name__ == "__main__":
+    run_stage(main)

@@ -175,3 +175,12 @@ def test_a_part_beyond_the_margin_rejects_its_shape_by_name() -> None:
 def test_no_points_or_nan_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="needs finite points"):
         fit(points)
+
+
+def test_a_round_part_of_thousands_of_facets_is_bounded_nearly_as_tightly_as_can_be() -> None:
+    """More facets than planes are tried: near ones stand for each other."""
+    points = np.random.default_rng(0).normal(size=(2000, 3))
+    points = points / np.linalg.norm(points, axis=1, keepdims=True) * [1.0, 0.8, 0.4] @ ROTATIONS[0]
+    cuboid = fit(points)
+    assert overshoot(points, cuboid) <= 0
+    assert cuboid.size.prod() < 1.01 * 8 * 1.0 * 0.8 * 0.4

@@ -31,7 +31,7 @@ ALLOWED = {
     "extraction": RECORDS | SOLIDS | {"models"},
     "evaluation": RECORDS | SOLIDS | {"deformation"},
     "rendering": RECORDS | SOLIDS,
-    "report": RECORDS | SOLIDS | {"rendering", "evaluation"},
+    "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
 }
 TORCH = {"models", "training", "extraction", "io/runs.py", "cli"}
 PYARROW = {"io"}

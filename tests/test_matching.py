@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage
 from cagesdf.fitting import fit_cage
-from cagesdf.matching import correspond, group_by_structure, match_to_one_of, match_to_scaled
+from cagesdf.matching import CONTACT, correspond, group_by_structure, match_to_one_of, match_to_scaled, touching
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 
@@ -20,7 +20,10 @@ def points_cage(centres: dict[str, list[float]]) -> Cage:
     """Small cubes at the given centres."""
     count = len(centres)
     return Cage(
-        tuple(centres), np.array(list(centres.values()), float), np.tile(np.eye(3), (count, 1, 1)), np.full((count, 3), 0.1)
+        tuple(centres),
+        np.array(list(centres.values()), float),
+        np.tile(np.eye(3), (count, 1, 1)),
+        np.full((count, 3), 0.1),
     )
 
 
@@ -42,7 +45,8 @@ def stools() -> dict[str, Shape]:
 
 
 def test_stools_of_equally_many_legs_are_compatible_and_nobody_with_itself(stools: dict[str, Shape]) -> None:
-    groups = group_by_structure({shape_id: shape.structure for shape_id, shape in stools.items()})
+    structures = {shape_id: shape.structure for shape_id, shape in stools.items()}
+    groups = group_by_structure(structures, {shape_id: cage_of(shape) for shape_id, shape in stools.items()})
     assert groups == {"a": ("b", "d"), "b": ("a", "d"), "c": (), "d": ("a", "b")}
 
 
@@ -51,7 +55,9 @@ def test_legs_correspond_by_place_whatever_their_names_and_order(stools: dict[st
     names = {"leg0": "w", "leg1": "x", "leg2": "y", "leg3": "z", "seat": "s"}
     cage = cage_of(target)
     order = [4, 2, 0, 3, 1]
-    shuffled = Cage(tuple(names[cage.part_ids[i]] for i in order), cage.centre[order], cage.axes[order], cage.size[order])
+    shuffled = Cage(
+        tuple(names[cage.part_ids[i]] for i in order), cage.centre[order], cage.axes[order], cage.size[order]
+    )
     legs = tuple(leaf(name, "leg") for name in "yxwz")
     tree = Node("root", "stool", (Node("base", "base", legs, (), None), leaf("s", "seat")), (), None)
     pairs = correspond(source.structure, cage_of(source), PartHierarchy(tree), shuffled)
@@ -126,6 +132,37 @@ def test_a_target_is_one_of_the_partners_the_same_for_the_same_seed(stools: dict
     distances = [np.linalg.norm(cages["a"][x].centre - cages["b"][y].centre) for x, y in b.pairs]
     assert b.cost == pytest.approx(np.mean(distances))
     assert b.candidates == 2
+
+
+def unlabelled(shape: Shape) -> PartHierarchy:
+    parts = shape.structure.parts()
+    return PartHierarchy.flat(parts, ("",) * len(parts), "stool")
+
+
+def test_parts_without_labels_are_told_apart_by_what_they_touch(stools: dict[str, Shape]) -> None:
+    """A seat that four legs touch is no leg, however low it lies in the other shape."""
+    a, cage = unlabelled(stools["a"]), cage_of(stools["a"])
+    assert touching(cage).sum(axis=1).tolist() == [4, 1, 1, 1, 1]
+    low = Cage(cage.part_ids, cage.centre * [1, -1, 1], cage.axes, cage.size)
+    assert ("seat", "seat") in correspond(a, cage, a, low)
+    apart = Cage(cage.part_ids, cage.centre * 3, cage.axes, cage.size)
+    groups = group_by_structure(dict.fromkeys("xyz", a), {"x": cage, "y": low, "z": apart})
+    assert groups == {"x": ("y",), "y": ("x",), "z": ()}
+
+
+def test_cuboids_touch_if_and_only_if_points_of_both_are_near() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        cage = Cage(
+            ("a", "b"), rng.uniform(-1, 1, (2, 3)), Rotation.random(2, rng=rng).as_matrix(), rng.uniform(0.2, 1, (2, 3))
+        )
+        inside = cage.from_unit(rng.uniform(-0.5, 0.5, (20000, 3)), 0)
+        gap = cage.signed_distance(inside)[:, 1].min()
+        if gap < CONTACT:
+            assert touching(cage)[0, 1]
+        if gap > 0.15:  # the points leave gaps, and boxes corner to corner pass for a little nearer than they are
+            assert not touching(cage)[0, 1]
+    assert not touching(cage).diagonal().any()
 
 
 def test_scaling_factors_stay_in_range_and_their_logarithms_fill_it() -> None:

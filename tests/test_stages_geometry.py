@@ -26,9 +26,7 @@ from stages import deform_sequences, fit_cuboids, match_targets, sample_points
 FIT = FitParams(format=1, slack=0.01, min_size=1e-3, margin=1e-6, max_rejected=0.1)
 MATCH = MatchParams(format=1, unmatched="drop", scale=(0.8, 1.25), max_rejected=0.5, seed=2)
 DEFORM = DeformParams(format=1, steps=6, held_out=(2, 3))
-SAMPLE = SampleParams(
-    format=1, near=400, uniform=100, per_cuboid=64, beta=60.0, shards=2, max_rejected=0.5, seed=3
-)
+SAMPLE = SampleParams(format=1, near=400, uniform=100, per_cuboid=64, beta=60.0, shards=2, max_rejected=0.5, seed=3)
 SHAPES = [
     toy.stool("a"),
     toy.stool("b", width=1.3, height=0.6),

@@ -68,3 +68,11 @@ def write_shapes_artefact(out: Path, shapes: list[Shape]) -> Path:
     with artefact.write("shapes", out, inputs={}, params=Params(format=1)) as folder:
         write_shapes(folder, shapes)
     return out
+
+
+def write_obj(path: Path, mesh: Mesh) -> None:
+    """A mesh as an OBJ file; its folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -98,9 +98,7 @@ def write_shard(path: Path, chunks: PointChunks, rng: np.random.Generator, **fac
     """
     schema = POINTS.schema(**facts)
     chunks = chunks.take(rng.permutation(len(chunks)))
-    with pq.ParquetWriter(
-        path, schema, use_dictionary=["shape_id", "part_id", "where"], **COMPRESSION
-    ) as writer:
+    with pq.ParquetWriter(path, schema, use_dictionary=["shape_id", "part_id", "where"], **COMPRESSION) as writer:
         for start in range(0, len(chunks), CHUNKS_PER_GROUP):
             group = chunks.take(np.arange(start, min(start + CHUNKS_PER_GROUP, len(chunks))))
             writer.write_table(_table(group, schema), row_group_size=CHUNK * CHUNKS_PER_GROUP)

@@ -1,11 +1,11 @@
 """`runs/<arm>/`: a trained arm, with all that is needed to make shapes with it.
 
-    weights.safetensors   the decoder's weights, float32
-    latents.parquet       one row a latent
-    cages.parquet         the cages of all steps, held-out ones too
-    shapes.parquet        structures and similarities
-    arm.json              the arm's parameters, and how many points it was trained on
-    log.jsonl             the course of the training
+weights.safetensors   the decoder's weights, float32
+latents.parquet       one row a latent
+cages.parquet         the cages of all steps, held-out ones too
+shapes.parquet        structures and similarities
+arm.json              the arm's parameters, and how many points it was trained on
+log.jsonl             the course of the training
 """
 
 import json
@@ -19,7 +19,7 @@ import pyarrow as pa
 import safetensors
 import torch
 from jaxtyping import Float
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from cagesdf.cuboid import Sequence
@@ -75,10 +75,10 @@ class Run:
         return tuple(s for s in range(len(self.sequences[shape_id].cages)) if self.latents.has(shape_id, s))
 
 
-def write_run(folder: Path, run: Run, log: list[dict[str, float]]) -> None:
+def write_run(folder: Path, run: Run, log: list[dict[str, int | float]]) -> None:
     """Write a run's files into an existing folder."""
     weights = {name: tensor.detach().cpu().contiguous() for name, tensor in run.decoder.state_dict().items()}
-    save_file(weights, folder / "weights.safetensors")
+    (folder / "weights.safetensors").write_bytes(save(weights))
     numbers = run.latents.values.detach().cpu().numpy()
     LATENTS.write(
         folder / "latents.parquet",

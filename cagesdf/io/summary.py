@@ -13,6 +13,7 @@ from cagesdf.io.metadata import read_block
 from cagesdf.io.points import KIND as POINTS_KIND
 
 ROWS = 4  # shown of each table
+COLUMNS = 12  # shown of each row
 WIDTH = 36  # characters a value may take
 
 
@@ -23,7 +24,7 @@ def summarise(paths: Sequence[Path]) -> str:
     """
     table = pa.concat_tables([_read(path) for path in paths])
     block = read_block(table.schema, paths[0])
-    facts = [f"{key} {value}" for key, value in block.items() if key not in ("kind", "columns")]
+    facts = [f"{key} {_plain(value)}" for key, value in block.items() if key not in ("kind", "columns")]
     name = paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
     title = f"{name}: {block.get('kind')}, {len(table):,} rows" + (f" in {len(paths)} files" if len(paths) > 1 else "")
     meanings = block.get("columns", {})
@@ -31,7 +32,8 @@ def summarise(paths: Sequence[Path]) -> str:
         [field.name, _type(field.type), _range(table[field.name]), str(meanings.get(field.name, ""))]
         for field in table.schema
     ]
-    rows = [[str(name) for name in table.column_names], *([_short(v) for v in row.values()] for row in _first(table))]
+    shown = table.slice(0, ROWS).select(range(min(COLUMNS, table.num_columns)))
+    rows = [shown.column_names, *([_short(value) for value in row.values()] for row in shown.to_pylist())]
     parts = [title, indented([", ".join(facts)]), indented(aligned([["column", "type", "range", "meaning"], *columns]))]
     if block.get("kind") == POINTS_KIND and len(table):
         parts.append(indented(_of_points(table)))
@@ -84,12 +86,15 @@ def _range(column: pa.ChunkedArray) -> str:
     return f"{different:,} different"
 
 
-def _number(value: float | None) -> str:
+def _number(value: int | float | None) -> str:
     return "none" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 
-def _first(table: pa.Table) -> list[dict]:
-    return table.slice(0, ROWS).to_pylist()
+def _plain(value: object) -> str:
+    """A fact of the schema's block without brackets and quotes."""
+    if isinstance(value, dict):
+        return "(" + "; ".join(f"{key} {_plain(item)}" for key, item in value.items()) + ")"
+    return " ".join(map(_plain, value)) if isinstance(value, list) else str(value)
 
 
 def _short(value: object) -> str:

@@ -34,32 +34,27 @@ class CageDecoder(nn.Module):
 
 
 class LocalCageDecoder(nn.Module):
-    """The same, given the point in its cuboid's frame too.
-
-    Of the cuboid's frame it sees the unit coordinates, with sine features: what scales with the
-    cuboid; and the signed distances to its six faces: what keeps its size, such as bevels.
-    """
+    """The same, given the point in its cuboid's unit frame too; sine features are of those coordinates."""
 
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
         super().__init__()
         self.octaves = octaves
-        self.backbone = FilmBackbone(12 + 6 * octaves, latent_dim + CUBOID, width, layers, mapping)
+        self.backbone = FilmBackbone(6 + 6 * octaves, latent_dim + CUBOID, width, layers, mapping)
 
     def forward(
         self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        local = to_local(points, cuboid)
-        half = cuboid[:, None, 12:] / 2
-        unit = local / (2 * half)
-        features = torch.cat(
-            [points, unit, half - local, half + local, sine_features(unit, self.octaves)], dim=-1
-        )
+        unit = to_unit(points, cuboid)
+        features = torch.cat([points, unit, sine_features(unit, self.octaves)], dim=-1)
         return self.backbone(features, torch.cat([latent, cuboid], dim=-1))
 
 
 class DeepSdfDecoder(nn.Module):
-    """The baseline, as published: [latent, point] into a plain network, and again halfway (Park et al. 2019)."""
+    """The baseline (Park et al. 2019): [latent, point] into a plain ReLU network, and again halfway.
+
+    Their weight normalisation, dropout and final tanh are left out, as in the other decoders.
+    """
 
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
         super().__init__()
@@ -83,9 +78,10 @@ class DeepSdfDecoder(nn.Module):
         return self.out(hidden)[..., 0]
 
 
-def to_local(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n 3"]:
-    """Canonical points in the local frame of their group's cuboid."""
-    return (points - cuboid[:, None, :3]) @ cuboid[:, 3:12].view(-1, 3, 3).mT
+def to_unit(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n 3"]:
+    """Canonical points in the unit frame of their group's cuboid: [-½, ½]³ is inside."""
+    local = (points - cuboid[:, None, :3]) @ cuboid[:, 3:12].view(-1, 3, 3).mT
+    return local / cuboid[:, None, 12:]
 
 
 def sine_features(points: Float[Tensor, "g n 3"], octaves: int) -> Float[Tensor, "g n f"]:

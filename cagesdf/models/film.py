@@ -5,6 +5,7 @@ for a group, never for a point.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
@@ -20,7 +21,7 @@ class MappingNetwork(nn.Module):
         self.layers = layers
         self.width = width
         widths = [condition, *hidden]
-        self.hidden = nn.ModuleList([nn.Linear(a, b) for a, b in zip(widths, widths[1:])])
+        self.hidden = nn.ModuleList([nn.Linear(a, b) for a, b in pairwise(widths)])
         self.out = nn.Linear(widths[-1], 2 * layers * width)
 
     def forward(self, condition: Float[Tensor, "g c"]) -> Float[Tensor, "g l 2 h"]:

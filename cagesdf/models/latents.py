@@ -20,8 +20,9 @@ class LatentTable(nn.Module):
         self._rows = {key: row for row, key in enumerate(keys)}
 
     @staticmethod
-    def drawn(keys: tuple[tuple[str, int], ...], dim: int, std: float, generator: torch.Generator) -> "LatentTable":
-        """Normal latents whose root-mean-square norm is `std`."""
+    def drawn(keys: tuple[tuple[str, int], ...], dim: int, std: float, seed: int) -> "LatentTable":
+        """Normal latents of `dim` numbers whose root-mean-square norm is `std`."""
+        generator = torch.Generator().manual_seed(seed)
         return LatentTable(keys, torch.randn(len(keys), dim, generator=generator) * (std / dim**0.5))
 
     def __len__(self) -> int:

@@ -47,20 +47,26 @@ def training_chunks(
 
     `steps_of` rest keeps the source shapes alone. `points_of` cage keeps the points inside their
     cuboid or at most `reach` (canonical units) outside it, in new chunks; cube keeps all. Raises
-    InputError as `own_cuboids` does, and if nothing is left.
+    InputError as `own_cuboids` does, and naming a shape of which nothing is left.
     """
+    shapes = np.unique(chunks.shape_id)
     if steps_of == "rest":
         chunks = chunks.take(np.flatnonzero(chunks.step == 0))
     if points_of == "cage":
         keep = cuboid_distance(chunks.xyz, own_cuboids(chunks, sequences)) <= reach
         chunks = rechunk(chunks, keep, rng)
-    if len(chunks) == 0:
-        raise InputError(f"no points to train on with steps_of {steps_of}, points_of {points_of} and reach {reach}")
+    lost = np.setdiff1d(shapes, chunks.shape_id)
+    if len(lost) or not len(shapes):
+        names = ", ".join(chunks.shape_ids[shape] for shape in lost[:5])
+        raise InputError(
+            f"no {CHUNK} points to train on of shape(s) {names or 'any'} "
+            f"with steps_of {steps_of}, points_of {points_of} and reach {reach}"
+        )
     return chunks
 
 
 def latent_keys(chunks: PointChunks, latents: Literal["source", "deformed"]) -> tuple[tuple[str, int], ...]:
-    """The rows of the latent table: one a source shape, or one a deformed shape, in sorted order."""
+    """Keys of the latent table: one a source shape, or one a deformed shape, in sorted order."""
     if latents == "source":
         return tuple((chunks.shape_ids[shape], SHARED) for shape in np.unique(chunks.shape_id))
     pairs = np.unique(np.stack([chunks.shape_id, chunks.step], axis=1), axis=0)
@@ -72,7 +78,9 @@ def own_cuboids(chunks: PointChunks, sequences: Mapping[str, Sequence]) -> Float
 
     Raises InputError if the sequences lack a chunk's shape, step or part.
     """
-    keys, inverse = np.unique(np.stack([chunks.shape_id, chunks.step, chunks.part], axis=1), axis=0, return_inverse=True)
+    keys, inverse = np.unique(
+        np.stack([chunks.shape_id, chunks.step, chunks.part], axis=1), axis=0, return_inverse=True
+    )
     vectors = np.empty((len(keys), 15), np.float32)
     for i, (shape, step, part) in enumerate(keys.tolist()):
         shape_id, part_id = chunks.shape_ids[shape], chunks.part_ids[part]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import safetensors
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from cagesdf.errors import InputError
@@ -35,8 +35,9 @@ class Checkpoint:
         self.folder.mkdir(parents=True, exist_ok=True)
         partial = self.path.with_suffix(".partial")
         text = json.dumps({"version": VERSION, **facts}, sort_keys=True)
-        save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, {KEY: text})
-        with partial.open("rb") as file:
+        with partial.open("wb") as file:
+            file.write(save({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, {KEY: text}))
+            file.flush()
             os.fsync(file.fileno())
         os.replace(partial, self.path)
 

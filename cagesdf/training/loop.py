@@ -40,13 +40,13 @@ def train(
     settings: TrainSettings,
     checkpoint: Checkpoint,
     report: Callable[[int, float], None],
-) -> list[dict[str, float]]:
+) -> list[dict[str, int | float]]:
     """Train in place, from where `checkpoint` stopped if it did; returns the log.
 
     A resumed training ends with the same bits as one that was never stopped. The log's rows hold
     the means since the row before: step, loss, l1 (both canonical units) and the latents'
-    root-mean-square norm. `report` is called with (steps done, loss) at each row, and once
-    with the step it starts from.
+    root-mean-square norm. `report` is called with (steps done, loss) at each row, and first
+    with where it starts from.
 
     Raises InputError when the loss is no longer finite.
     """
@@ -54,7 +54,7 @@ def train(
     order = BatchOrder(len(groups.weight), settings.batch_chunks, settings.seed)
     optimiser = torch.optim.Adam([{"params": list(decoder.parameters())}, {"params": [latents.values]}], fused=True)
     sums = torch.zeros(2, device=device)
-    log: list[dict[str, float]] = []
+    log: list[dict[str, int | float]] = []
     start = _resume(decoder, latents, optimiser, sums, log, checkpoint)
     report(start, log[-1]["loss"] if log else math.nan)
     for step in range(start, settings.steps):
@@ -90,7 +90,7 @@ def rate(step: int, settings: TrainSettings) -> float:
     return 0.5 ** (step // settings.halve_every)
 
 
-def _row(step: int, sums: Tensor, steps: int, latents: LatentTable) -> dict[str, float]:
+def _row(step: int, sums: Tensor, steps: int, latents: LatentTable) -> dict[str, int | float]:
     loss, l1 = (sums / steps).tolist()
     norm = float(latent_penalty(latents.values.detach()).sqrt())
     if not all(map(math.isfinite, (loss, l1, norm))):
@@ -106,7 +106,7 @@ def _save(
     latents: LatentTable,
     optimiser: torch.optim.Optimizer,
     sums: Tensor,
-    log: list[dict[str, float]],
+    log: list[dict[str, int | float]],
     step: int,
     checkpoint: Checkpoint,
 ) -> None:
@@ -124,7 +124,7 @@ def _resume(
     latents: LatentTable,
     optimiser: torch.optim.Optimizer,
     sums: Tensor,
-    log: list[dict[str, float]],
+    log: list[dict[str, int | float]],
     checkpoint: Checkpoint,
 ) -> int:
     saved = checkpoint.load()

@@ -1,6 +1,5 @@
 """The terms of the training objective (§3.5)."""
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 

@@ -1,0 +1,184 @@
+"""The `cagesdf` command: look into artefacts, take surfaces out of trained networks."""
+
+import json
+import os
+import sys
+from collections import Counter
+from difflib import get_close_matches
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cyclopts
+
+from cagesdf.errors import InputError
+from cagesdf.meshes import Mesh
+from pipeline import artefact
+
+FORMATS = (".ply", ".obj", ".stl", ".glb")
+
+app = cyclopts.App(
+    "cagesdf",
+    help="Neural implicit shapes with explicit bounding cuboids.",
+    version=lambda: version("cagesdf"),
+    version_flags=["--version"],
+)
+
+
+@app.command
+def inspect(path: Path, /) -> None:
+    """Say what an artefact holds: manifest, schema, counts, ranges and a few rows.
+
+    Parameters
+    ----------
+    path
+        A folder that a stage wrote, one of its .parquet files, or a .ply mesh.
+    """
+    print("\n\n".join(_described(path)))
+
+
+@app.command
+def extract(run: Path, shape_id: str, out: Path, /, *, resolution: int = 128, step: int = 0) -> None:
+    """Write the surface that a trained network gives for one of its shapes, in the frame and unit of your files.
+
+    Parameters
+    ----------
+    run
+        A folder that `train` wrote, such as data/runs/chair/cagesdf.
+    shape_id
+        One of its training shapes.
+    out
+        A .ply, .obj, .stl or .glb file in a folder that exists.
+    resolution
+        Cells along 2.1 times the radius of the shape's bounding sphere.
+    step
+        Step of the shape's deformation sequence; 0 is the shape itself.
+    """
+    if resolution < 8:
+        raise InputError(f"--resolution {resolution}: wanted at least 8 cells; 128 is usual, 256 is fine")
+    if out.suffix.lower() not in FORMATS:
+        raise InputError(f"{out}: wanted a name that ends in {', '.join(FORMATS)}")
+    if not out.resolve().parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.parent}; make it first")
+    mesh = _surface(run, shape_id, step, resolution)
+    _write(mesh, out)
+    print(f"{out}: {len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces, closed")
+
+
+def _described(path: Path) -> list[str]:
+    """Paragraphs about a folder or file."""
+    from cagesdf.io.summary import summarise
+
+    if path.is_dir():
+        return _artefact(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file or folder; wanted an artefact such as data/points/chair")
+    if path.suffix == ".parquet":
+        return [summarise([path])]
+    if path.suffix == ".ply":
+        return [_mesh(path)]
+    raise InputError(f"{path}: wanted an artefact's folder, a .parquet or a .ply file")
+
+
+def _artefact(folder: Path) -> list[str]:
+    """Paragraphs about a folder that a stage wrote: its manifest, then each of its tables."""
+    from cagesdf.io.summary import aligned, indented, summarise
+
+    inside = sorted(item.name for item in folder.iterdir() if (item / artefact.MANIFEST).is_file())
+    if inside and not (folder / artefact.MANIFEST).is_file():
+        raise InputError(f"{folder}: holds the artefacts {', '.join(inside)}; inspect one of them")
+    manifest = artefact.read_manifest(folder)
+    files: dict[str, dict[str, Any]] = manifest["files"]
+    size = sum(item["bytes"] for item in files.values())
+    facts = [
+        ["kind", f"{manifest['kind']}, format {manifest['format']}"],
+        ["files", f"{len(files):,}, {size / 1e6:,.1f} MB"],
+        ["inputs", ", ".join(f"{name} {digest[:8]}" for name, digest in manifest.get("inputs", {}).items()) or "none"],
+        *([name, json.dumps(value)] for name, value in manifest.get("params", {}).items()),
+    ]
+    by_ending = Counter(Path(name).suffix for name in files)
+    others = [
+        [name, f"{item['bytes']:,} bytes"]
+        for name, item in files.items()
+        if not name.endswith(".parquet") and by_ending[Path(name).suffix] <= 8
+    ]
+    paragraphs = [f"{folder}\n{indented(aligned([*facts, *others]))}"]
+    tables = [folder / name for name in files if name.endswith(".parquet")]
+    # Shards are one table in several files.
+    stems = sorted({table.stem.rstrip("0123456789") for table in tables})
+    shards = [[table for table in tables if table.stem.rstrip("0123456789") == stem] for stem in stems]
+    return paragraphs + [summarise(paths) for paths in shards]
+
+
+def _mesh(path: Path) -> str:
+    """What can be said of one mesh."""
+    from cagesdf.io.meshes import read_ply
+    from cagesdf.io.summary import aligned, indented
+    from cagesdf.meshes import is_closed, signed_volume
+
+    mesh = read_ply(path)
+    if len(mesh.faces) == 0:
+        return f"{path}: no faces"
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    facts = [["vertices", f"{len(mesh.vertices):,}"], ["faces", f"{len(mesh.faces):,}"]]
+    if is_closed(mesh):
+        facts += [["closed", "yes: no hole, one orientation"], ["volume", f"{signed_volume(mesh):.4g}"]]
+    else:
+        facts += [["closed", "no"]]
+    facts += [[axis, f"{a:.4g} to {b:.4g}"] for axis, a, b in zip("xyz", low, high)]
+    return f"{path}\n{indented(aligned(facts))}"
+
+
+def _surface(folder: Path, shape_id: str, step: int, resolution: int) -> Mesh:
+    """What a trained network gives for one step of one shape, raw frame, closed."""
+    from cagesdf.extraction import FIELDS, OUTSIDES, extract_surface
+    from cagesdf.io.runs import read_run
+    from cagesdf.meshes import is_closed
+
+    trained = read_run(folder)
+    known = sorted(trained.sequences)
+    if shape_id not in known:
+        near = get_close_matches(shape_id, known, n=3, cutoff=0.5) or known[:3]
+        raise InputError(f"{folder}: has no shape {shape_id!r} among its {len(known)}; did you mean {', '.join(near)}?")
+    steps = trained.steps(shape_id)
+    if step not in steps:
+        raise InputError(f"--step {step}: {shape_id} has the steps {', '.join(map(str, steps))}")
+    make_field = FIELDS[trained.params["points_of"]]
+    cage = trained.sequences[shape_id].cages[step]
+    field = make_field(trained.decoder, trained.latent(shape_id, step), cage, OUTSIDES["union"])
+    mesh = extract_surface(field, resolution)
+    if not is_closed(mesh):
+        state = "no surface at all" if len(mesh.faces) == 0 else "a surface with holes"
+        raise InputError(
+            f"{shape_id}: the network gives {state}, nothing was written; train longer or raise --resolution"
+        )
+    return mesh.with_vertices(trained.similarities[shape_id].to_raw(mesh.vertices))
+
+
+def _write(mesh: Mesh, out: Path) -> None:
+    """Write a mesh whole or not at all, in the format of the name's ending."""
+    from cagesdf.io.meshes import write_ply
+
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        if out.suffix.lower() == ".ply":
+            write_ply(partial, mesh)
+        else:
+            import trimesh
+
+            solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+            solid.export(partial, file_type=out.suffix.lower().removeprefix("."))
+        os.replace(partial, out)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def run() -> None:
+    """Run the command line. What is wrong is said in one line on standard error, with exit status 1."""
+    try:
+        app(sys.argv[1:], exit_on_error=False, print_error=False)
+    except (cyclopts.CycloptsError, ValueError, OSError) as error:
+        text = " ".join(str(error).split())
+        sys.exit(f"cagesdf: {text}{' See cagesdf --help.' if isinstance(error, cyclopts.CycloptsError) else ''}")
+    except KeyboardInterrupt:
+        sys.exit("cagesdf: interrupted")

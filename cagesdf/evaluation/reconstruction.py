@@ -1,0 +1,178 @@
+"""How far a surface is from the true one (§4.1, §4.2): the definitions of docs/metrics.md."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+from scipy.spatial import cKDTree
+
+from cagesdf.cuboid import Cage, Sequence
+from cagesdf.deformation import deform_shape
+from cagesdf.distance import SurfaceDistance
+from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface
+from cagesdf.shape import Shape
+from cagesdf.solid import cage_surface, union
+
+VERSION = 1  # of the definitions; raised when one changes
+F_SCORES = {"f1": 0.01, "f2": 0.02}  # thresholds, shares of the longest side
+# Of the whole surface, and with the suffix `_detail` of its detail alone.
+BOTH_WAYS = (
+    "surface_distance", "accuracy", "completeness", "cd_deepsdf", "cd_l1", *F_SCORES, "nc", "nc_signed",
+)  # fmt: skip
+METRICS = (*BOTH_WAYS, "iou", "closed", *(f"{name}_detail" for name in BOTH_WAYS))
+
+
+class Measured:
+    """A surface that is asked for distances, normals and insides more than once."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        """`mesh` is canonical and has faces; it is closed and outward where insides matter."""
+        self.mesh = mesh
+        self.distance = SurfaceDistance(mesh)
+
+    @cached_property
+    def normals(self) -> Float[ndarray, "f 3"]:
+        """Unit normals of the faces; zero for a face without area."""
+        normals = face_normals(self.mesh)
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the surface has no hole and one orientation."""
+        return is_closed(self.mesh)
+
+
+class Truth(Measured):
+    """The true surface, and which of it is detail: further from the cage's surface than a threshold."""
+
+    def __init__(self, mesh: Mesh, cage: Cage, detail: float) -> None:
+        """`mesh` is the union of the true parts, canonical; `detail` a share of its longest side."""
+        super().__init__(mesh)
+        self.side = float(np.ptp(mesh.vertices, axis=0).max())  # the unit of percentages, canonical
+        self.threshold = detail * self.side
+        self.cage = SurfaceDistance(cage_surface(cage))
+
+    @staticmethod
+    def of(shape: Shape, sequence: Sequence, step: int, detail: float) -> "Truth":
+        """The union of a shape's parts after they have followed its sequence to `step`."""
+        cage = sequence.cages[step]
+        return Truth(union(deform_shape(shape, sequence.cages[0], cage)), cage, detail)
+
+    def is_detail(self, points: Float[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
+        """Whether points of the true surface are detail."""
+        return self.cage.unsigned(points) > self.threshold
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """From points of one surface to the other surface."""
+
+    distance: Float[ndarray, " n"]  # exact, to the surface; canonical
+    sample: Float[ndarray, " n"]  # to the nearest of the other surface's sampled points; canonical
+    cosine: Float[ndarray, " n"]  # between the point's normal and that of the nearest point of the surface
+    aligned: Float[ndarray, " n"]  # its absolute value
+    detail: Bool[ndarray, " n"]  # the point on the true surface is detail
+
+    def only(self, where: Bool[ndarray, " n"]) -> "Direction":
+        """Some of the points."""
+        return Direction(*(field[where] for field in vars(self).values()))
+
+
+def nowhere(side: float) -> Direction:
+    """The worst values, for a surface that isn't there: one longest side away, no normal that agrees."""
+    one = np.ones(1)
+    return Direction(side * one, side * one, -one, 0 * one, np.ones(1, dtype=bool))
+
+
+def score(
+    predicted: Measured | None, truth: Truth, points: int, volume_points: int, rng: np.random.Generator
+) -> dict[str, float]:
+    """METRICS of a predicted surface, and `detail_share` of the true one.
+
+    Draws `points` on each surface and `volume_points` in their common bounding box. `None` is a
+    surface without faces: it gets the worst values. Detail is NaN where the true surface has none.
+    """
+    there, there_normals = _sample(truth, points, rng)
+    detail = truth.is_detail(there)
+    if predicted is None:
+        lost = nowhere(truth.side)
+        figures = compare(lost, lost, truth.side) | {"iou": 0.0, "closed": 0.0}
+        return figures | _of_detail(lost, lost, truth.side, detail) | {"detail_share": float(detail.mean())}
+    here, here_normals = _sample(predicted, points, rng)
+    distance, faces, _ = predicted.distance.closest(there)
+    cosine = np.einsum("ij,ij->i", there_normals, predicted.normals[faces])
+    forth = Direction(distance, _nearest(here, there), cosine, np.abs(cosine), detail)
+    distance, faces, nearest = truth.distance.closest(here)
+    cosine = np.einsum("ij,ij->i", here_normals, truth.normals[faces])
+    back = Direction(distance, _nearest(there, here), cosine, np.abs(cosine), truth.is_detail(nearest))
+    return {
+        **compare(forth, back, truth.side),
+        "iou": iou(predicted, truth, volume_points, rng),
+        "closed": float(predicted.closed),
+        **_of_detail(forth, back, truth.side, detail),
+        "detail_share": float(detail.mean()),
+    }
+
+
+def compare(forth: Direction, back: Direction, side: float) -> dict[str, float]:
+    """BOTH_WAYS from the two directions: `forth` from the true surface, `back` from the predicted one."""
+    ways = (forth, back)
+    completeness, accuracy = (100 / side * float(way.distance.mean()) for way in ways)
+    figures = {
+        "surface_distance": (completeness + accuracy) / 2,
+        "accuracy": accuracy,
+        "completeness": completeness,
+        "cd_deepsdf": sum(float((way.sample**2).mean()) for way in ways),
+        "cd_l1": sum(float(way.sample.mean()) for way in ways) / 2,
+        "nc": sum(float(way.aligned.mean()) for way in ways) / 2,
+        "nc_signed": sum(float(way.cosine.mean()) for way in ways) / 2,
+    }
+    for name, threshold in F_SCORES.items():
+        recall, precision = (float((way.distance < threshold * side).mean()) for way in ways)
+        figures[name] = 2 * recall * precision / (recall + precision) if recall + precision else 0.0
+    return figures
+
+
+def iou(predicted: Measured, truth: Measured, count: int, rng: np.random.Generator) -> float:
+    """Volume of the intersection over volume of the union, by points uniform in the common bounding box."""
+    both = np.concatenate([predicted.mesh.vertices, truth.mesh.vertices])
+    points = rng.uniform(both.min(axis=0), both.max(axis=0), (count, 3))
+    here, there = predicted.distance.inside(points), truth.distance.inside(points)
+    return float((here & there).sum() / max((here | there).sum(), 1))
+
+
+def definitions(points: int, volume_points: int, detail: float, seeds: tuple[int, ...]) -> dict[str, Any]:
+    """What the figures mean, for the head of every file of metrics."""
+    return {
+        "version": VERSION,
+        "definitions": "docs/metrics.md",
+        "points": points,
+        "volume_points": volume_points,
+        "detail": detail,
+        "seeds": list(seeds),
+        "normalisation": "percentages are of the longest side of the true shape's bounding box; cd_deepsdf is "
+        "squared and cd_l1 plain canonical units (radius of the shape's bounding sphere at rest)",
+        "empty_surface": "counted with distances of one longest side, nc_signed -1 and 0 for all else",
+        "noise_floor": "the arm ground_truth: the true surface, sampled a second time",
+    }
+
+
+def _sample(surface: Measured, count: int, rng: np.random.Generator) -> tuple[ndarray, ndarray]:
+    points, faces = sample_surface(surface.mesh, count, rng)
+    return points, surface.normals[faces]
+
+
+def _nearest(samples: ndarray, points: ndarray) -> ndarray:
+    """Distance from each point to the nearest sample."""
+    return np.asarray(cKDTree(samples, compact_nodes=False, balanced_tree=False).query(points)[0])
+
+
+def _of_detail(forth: Direction, back: Direction, side: float, detail: Bool[ndarray, " n"]) -> dict[str, float]:
+    """BOTH_WAYS of the detail: true points that are, predicted points whose nearest true point is."""
+    if not detail.any():
+        return {f"{name}_detail": float("nan") for name in BOTH_WAYS}
+    back = back.only(back.detail) if back.detail.any() else nowhere(side)
+    return {f"{name}_detail": value for name, value in compare(forth.only(forth.detail), back, side).items()}

@@ -1,0 +1,92 @@
+"""Which shapes a folder holds, in which format each is, and which are for validation.
+
+A category folder may mix
+
+    <shape>/result_after_merging.json     PartNet; hierarchy in <anything>_hier/<shape>.json if there is one
+    <shape>/*.obj, .ply, .stl, .glb       one file a part
+    <shape>.obj, <shape>.glb              one file, a part in each group or scene node
+
+and hold `train.txt` and `val.txt` with an id on each line (as does StructureNet's folder of
+hierarchies). With a train.txt, a shape that it doesn't list is for validation, since it may be
+of a test set; else the shapes in val.txt are; else none is.
+"""
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.formats.partnet import TREE, read_partnet
+from cagesdf.formats.parts_folder import SCENE_SUFFIXES, read_parts_file, read_parts_folder
+from cagesdf.formats.structurenet import SUFFIX, find_hierarchy
+from cagesdf.shape import RawShape
+
+
+@dataclass(frozen=True)
+class ShapeSource:
+    """Where one shape is; nothing of it has been read."""
+
+    shape_id: str  # unique in its category
+    split: str  # "train" or "val"
+    path: Path  # its folder or file
+    hierarchy: Path | None  # StructureNet's JSON
+
+
+def list_shapes(folder: Path, include: str) -> list[ShapeSource]:
+    """The shapes of a category folder whose id fits the glob `include`, sorted by id.
+
+    Raises InputError if there is no such folder, no shape fits, or two have the same id.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; wanted one with a folder or file for each shape")
+    if (folder / TREE).is_file():
+        raise InputError(f"{folder}: is a single PartNet shape; give the folder that holds it")
+    places: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        shape_id = _shape_id(path)
+        if shape_id is None or not fnmatchcase(shape_id, include):
+            continue
+        if shape_id in places:
+            raise InputError(f"{folder}: {places[shape_id].name} and {path.name} would both be shape {shape_id}")
+        places[shape_id] = path
+    if not places:
+        raise InputError(f"{folder}: no folder, .obj or .glb file fits include {include!r}; each would be one shape")
+    train, val = _read_ids(folder, "train"), _read_ids(folder, "val")
+
+    def split(shape_id: str) -> str:
+        held_out = shape_id not in train if train is not None else shape_id in (val or ())
+        return "val" if held_out else "train"
+
+    return [
+        ShapeSource(shape_id, split(shape_id), path, find_hierarchy(folder, shape_id))
+        for shape_id, path in sorted(places.items())
+    ]
+
+
+def read_shape(source: ShapeSource) -> RawShape:
+    """One shape as its files give it. Raises ShapeRejected with the reason if they can't be read."""
+    try:
+        if source.path.is_file():
+            return read_parts_file(source.path, source.shape_id, source.split)
+        if (source.path / TREE).is_file():
+            return read_partnet(source.path, source.shape_id, source.split, source.hierarchy)
+        return read_parts_folder(source.path, source.shape_id, source.split)
+    except InputError as error:
+        raise ShapeRejected(source.shape_id, "import_shapes", str(error)) from error
+
+
+def _shape_id(path: Path) -> str | None:
+    if path.name.startswith("."):
+        return None
+    if path.is_dir():
+        return None if path.name.endswith(SUFFIX) else path.name
+    return path.stem if path.suffix.lower() in SCENE_SUFFIXES else None
+
+
+def _read_ids(folder: Path, split: str) -> frozenset[str] | None:
+    """The ids that a split's file lists, None if there is none; the category folder's wins over the hierarchies'."""
+    files = [folder / f"{split}.txt", *sorted(folder.glob(f"*{SUFFIX}/{split}.txt"))]
+    for path in files:
+        if path.is_file():
+            return frozenset(path.read_text(encoding="utf-8").split())
+    return None

@@ -1,0 +1,132 @@
+"""From a category's artefacts to what the page shows of it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cagesdf.cuboid import Cage
+from cagesdf.cuboid import Sequence as Deformation
+from cagesdf.deformation import deform_shape
+from cagesdf.io.logs import read_losses
+from cagesdf.io.meshes import SurfaceFolder, read_surfaces
+from cagesdf.io.rejected import read_rejected
+from cagesdf.io.sequences import read_sequences
+from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.meshes import join
+from cagesdf.rendering import CLAY, PART_COLOURS, Scene
+from cagesdf.report.figures import in_order
+from cagesdf.report.page import Category, Grid
+from cagesdf.shape import Shape
+
+
+def read_category(
+    shapes: Path, sequences: Path, meshes: Mapping[str, Path], runs: Mapping[str, Path], count: int
+) -> Category:
+    """Gather one category from its artefacts, those of the arms by arm; it is named like `shapes`' folder.
+
+    `count` shapes are compared, evenly spread over those that most arms have reconstructed. The
+    deformation shown is the one that moves the cuboids most, of those whose held-out steps have
+    been reconstructed. Raises InputError for artefacts that can't be read.
+    """
+    source = read_shapes(shapes)
+    status = [shape.status for shape in source]
+    deformations = read_sequences(sequences)
+    arms = {arm: read_surfaces(meshes[arm]) for arm in in_order(meshes)}
+    compared = spread(_by_coverage(arms, list(deformations)), count)
+    return Category(
+        shapes.name,
+        status.count("passed"),
+        status.count("repaired"),
+        read_rejected(shapes),
+        comparison(source, deformations, arms, compared),
+        deformation(source, deformations[_liveliest(deformations, arms)], arms)
+        if deformations
+        else Grid((), (), (), ()),
+        {arm: read_losses(runs[arm]) for arm in in_order(runs)},
+    )
+
+
+def comparison(
+    source: ShapeFolder, deformations: Mapping[str, Deformation], arms: Mapping[str, SurfaceFolder], ids: Sequence[str]
+) -> Grid:
+    """One row a shape: its cuboids, its surface, and what each arm makes of it."""
+    rows = []
+    for shape_id in ids:
+        shape = source.read(shape_id)
+        cage = deformations[shape_id].cages[0]
+        rows.append(
+            (
+                Scene(cage=cage, cage_colours=part_colours(shape)),
+                _true_surface(shape, cage, cage),
+                *(_reconstruction(surfaces, shape_id, 0) for surfaces in arms.values()),
+            )
+        )
+    columns = ("cuboids", "ground truth", *arms)
+    return Grid(columns, (False,) * len(columns), tuple(ids), tuple(rows))
+
+
+def deformation(source: ShapeFolder, sequence: Deformation, arms: Mapping[str, SurfaceFolder]) -> Grid:
+    """One column a step: the cage, the true surface that follows it, and the arms that have any step but the first."""
+    shape = source.read(sequence.shape_id)
+    colours = part_colours(shape)
+    steps = range(len(sequence.t))
+    shown = [
+        arm for arm, surfaces in arms.items() if any((shape.shape_id, step) in surfaces.rows for step in steps[1:])
+    ]
+    return Grid(
+        tuple(f"t = {t:.1f}" for t in sequence.t),
+        sequence.held_out,
+        ("cuboids", "ground truth", *shown),
+        (
+            tuple(Scene(cage=cage, cage_colours=colours) for cage in sequence.cages),
+            tuple(_true_surface(shape, sequence.cages[0], cage) for cage in sequence.cages),
+            *(tuple(_reconstruction(arms[arm], shape.shape_id, step) for step in steps) for arm in shown),
+        ),
+    )
+
+
+def part_colours(shape: Shape) -> tuple[str, ...]:
+    """A colour a part: one for all parts of a label, or one each where there are no labels."""
+    kinds = [part.label or part.part_id for part in shape.parts]
+    order = list(dict.fromkeys(kinds))
+    return tuple(PART_COLOURS[order.index(kind) % len(PART_COLOURS)] for kind in kinds)
+
+
+def spread(items: Sequence[str], count: int) -> list[str]:
+    """At most `count` items, evenly spread over all, in their order."""
+    count = min(count, len(items))
+    return [items[math.floor((i + 0.5) * len(items) / count)] for i in range(count)]
+
+
+def _by_coverage(arms: Mapping[str, SurfaceFolder], ids: Sequence[str]) -> list[str]:
+    """The shapes whose rest shape has been reconstructed by as many arms as any."""
+    counts = {shape_id: sum((shape_id, 0) in surfaces.rows for surfaces in arms.values()) for shape_id in ids}
+    return [shape_id for shape_id, number in counts.items() if number == max(counts.values())]
+
+
+def _liveliest(deformations: Mapping[str, Deformation], arms: Mapping[str, SurfaceFolder]) -> str:
+    """The shape whose corners move farthest, of those with reconstructed held-out steps or of all."""
+    done = {
+        shape_id
+        for surfaces in arms.values()
+        for (shape_id, _), row in surfaces.rows.items()
+        if row["held_out"] and shape_id in deformations
+    }
+
+    def movement(shape_id: str) -> float:
+        cages = deformations[shape_id].cages
+        return float(np.linalg.norm(cages[-1].corners() - cages[0].corners(), axis=-1).mean())
+
+    return max(sorted(done or deformations), key=movement)
+
+
+def _true_surface(shape: Shape, rest: Cage, moved: Cage) -> Scene:
+    return Scene((join(deform_shape(shape, rest, moved)),), (CLAY,))
+
+
+def _reconstruction(surfaces: SurfaceFolder, shape_id: str, step: int) -> Scene | None:
+    if (shape_id, step) not in surfaces.rows:
+        return None
+    return Scene((surfaces.read(shape_id, step).mesh,), (CLAY,))

@@ -1,0 +1,121 @@
+"""One HTML page with everything in it: style, tables, curves and pictures. It asks for no other file."""
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from PIL import Image as Pillow
+
+from cagesdf.rendering import Image, Scene, render_rows
+from cagesdf.report import figures
+from cagesdf.report.chart import Curve, loss_chart
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Pictures in rows and columns that share one camera and scale."""
+
+    columns: tuple[str, ...]  # headings
+    held_out: tuple[bool, ...]  # one a column: shown as kept from training
+    names: tuple[str, ...]  # one a row
+    scenes: tuple[tuple[Scene | None, ...], ...]  # by rows; None where there is nothing to show
+
+
+@dataclass(frozen=True, eq=False)
+class Category:
+    """What the page tells of one category."""
+
+    name: str
+    passed: int  # shapes whose parts were closed as they came
+    repaired: int  # shapes of which a part had to be made closed
+    rejected: Mapping[str, str]  # reasons by shape id
+    comparison: Grid  # shapes × (cuboids, ground truth, arms)
+    sequence: Grid  # (ground truth, arms) × steps of one deformation
+    losses: Mapping[str, Curve]  # by arm
+
+
+def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Category], size: int) -> None:
+    """Write the page for the tables of `evaluation.tables` and these categories.
+
+    Pictures are `size` pixels square. A missing category or arm leaves its place out.
+    """
+    grids = [grid for category in categories for grid in (category.comparison, category.sequence)]
+    pictures, drawn_by = _draw(grids, size)
+    names = [category.name for category in categories]
+    environment = Environment(
+        loader=PackageLoader("cagesdf.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("page.html.j2").render(
+        names=names,
+        about=tables["about"],
+        reconstruction=_summary(tables["table1"], names),
+        held_out=_summary(tables["table2"], names),
+        paper_reconstruction=[
+            (name, [figures.figure(values[c]) if c in values else "–" for c in names])
+            for name, values in figures.PAPER_RECONSTRUCTION.items()
+        ],
+        paper_held_out=[(name, figures.figure(value)) for name, value in figures.PAPER_HELD_OUT.items()],
+        metrics=figures.METRICS,
+        sections=[
+            {
+                "category": category,
+                "tables": [_details(tables[key], category.name) for key in ("table1", "table2")],
+                "comparison": _filled(category.comparison, pictures[2 * i]),
+                "sequence": _filled(category.sequence, pictures[2 * i + 1]),
+                "chart": loss_chart({arm: category.losses[arm] for arm in figures.in_order(category.losses)}),
+            }
+            for i, category in enumerate(categories)
+        ],
+        drawn_by=drawn_by,
+    )
+    path.write_text(page, encoding="utf-8", newline="\n")
+
+
+def _summary(table: figures.Table, names: Sequence[str]) -> dict[str, list[figures.Row]]:
+    """The two figures a category that stand beside the paper's."""
+    columns = [(name, metric) for name in names for metric in ("surface_distance", "cd_deepsdf")]
+    arms = figures.in_order(arm for category in table.values() for arm in category)
+    return {
+        "arms": figures.rows(table, arms, columns, ranked=True),
+        "references": figures.rows(table, figures.REFERENCES, columns, ranked=False),
+    }
+
+
+def _details(table: figures.Table, name: str) -> dict[str, Any]:
+    """All figures of one category."""
+    arms = table.get(name, {})
+    present = {metric for line in arms.values() for metric in line}
+    keys = [key for metric in figures.METRICS for key in (metric.key, f"{metric.key}_detail") if key in present]
+    columns = [(name, key) for key in keys]
+    return {
+        "columns": [(figures.METRIC[key.removesuffix("_detail")], key.endswith("_detail")) for key in keys],
+        "arms": figures.rows(table, figures.in_order(arms), columns, ranked=True),
+        "references": figures.rows(table, figures.REFERENCES, columns, ranked=False),
+        "count": max((figure["n"] for line in arms.values() for figure in line.values()), default=0),
+    }
+
+
+def _draw(grids: Sequence[Grid], size: int) -> tuple[list[list[Image]], str]:
+    scenes = [[scene for row in grid.scenes for scene in row if scene is not None] for grid in grids]
+    return render_rows(scenes, size)
+
+
+def _filled(grid: Grid, pictures: Sequence[Image]) -> dict[str, Any]:
+    """A grid with a picture's data URL, or None, in place of each scene."""
+    urls = iter([_data_url(picture) for picture in pictures])
+    cells = [[next(urls) if scene is not None else None for scene in row] for row in grid.scenes]
+    return {"columns": list(zip(grid.columns, grid.held_out)), "rows": list(zip(grid.names, cells))}
+
+
+def _data_url(image: Image) -> str:
+    file = io.BytesIO()
+    Pillow.fromarray(image).save(file, "WEBP", quality=88, method=4, exact=False)
+    return "data:image/webp;base64," + base64.b64encode(file.getvalue()).decode("ascii")

@@ -1,0 +1,38 @@
+"""Read foreign shapes, close their parts, bring them into the canonical frame.
+
+python -m stages.import_shapes data/raw/chair data/shapes/chair
+"""
+
+from functools import partial
+from pathlib import Path
+
+from cagesdf.errors import ShapeRejected
+from cagesdf.formats.listing import ShapeSource, list_shapes, read_shape
+from cagesdf.importing import import_shape, summary
+from cagesdf.io.rejected import write_rejected
+from cagesdf.io.shapes import write_shapes
+from cagesdf.shape import Shape
+from pipeline import ImportParams, artefact, parallel_map, run_stage
+
+
+def main(raw: Path, out: Path, params: ImportParams) -> None:
+    """Read a folder of shapes, write `shapes/`, print what became of each."""
+    sources = list_shapes(raw, params.include)
+    with artefact.write("shapes", out, inputs={}, params=params, foreign={"raw": raw}) as folder:
+        shapes, rejected = parallel_map(
+            partial(import_one, params), sources, rejects=ShapeRejected, label="import_shapes"
+        )
+        print(summary(shapes, rejected))
+        write_rejected(folder, rejected, len(sources), params.max_rejected)
+        write_shapes(folder, shapes)
+
+
+def import_one(params: ImportParams, source: ShapeSource) -> Shape:
+    """One shape. Raises ShapeRejected if it can't be read or made solid."""
+    return import_shape(
+        read_shape(source), params.up, params.weld, params.max_faces, params.max_parts, params.min_thickness
+    )
+
+
+if __name__ == "__main__":
+    run_stage(main)

@@ -1,0 +1,58 @@
+"""Gather figures, pictures and loss curves of all categories and arms into tables and one page (§4).
+
+python -m stages.report data/scores data/meshes data/runs data/shapes data/sequences data/metrics data/report
+"""
+
+import json
+from pathlib import Path
+
+from cagesdf.evaluation.tables import gather_tables
+from cagesdf.io.scores import read_scores
+from cagesdf.report.gather import read_category
+from cagesdf.report.page import write_page
+from pipeline import ReportParams, artefact, run_stage
+
+
+def main(
+    scores: Path,
+    meshes: Path,
+    runs: Path,
+    shapes: Path,
+    sequences: Path,
+    metrics: Path,
+    out: Path,
+    params: ReportParams,
+) -> None:
+    """Read the folders of all categories, write `metrics/tables.json` and `report/index.html`."""
+    names = [folder.name for folder in inside(shapes)]
+    score_folders = {name: inside(scores / name) for name in names}
+    inputs = {
+        folder.relative_to(scores.parent).as_posix(): folder / artefact.MANIFEST
+        for name in names
+        for folder in [*score_folders[name], *inside(meshes / name), *inside(runs / name)]
+    }
+    tables = gather_tables({name: [read_scores(folder) for folder in score_folders[name]] for name in names})
+    categories = [
+        read_category(
+            shapes / name,
+            sequences / name,
+            {folder.name: folder for folder in inside(meshes / name)},
+            {folder.name: folder for folder in inside(runs / name)},
+            params.shapes,
+        )
+        for name in names
+    ]
+    with artefact.write("metrics", metrics, inputs={}, foreign=inputs, params=params) as folder:
+        text = json.dumps(tables, indent=1, sort_keys=True)
+        (folder / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+    with artefact.write("report", out, inputs={}, foreign=inputs, params=params) as folder:
+        write_page(folder / "index.html", tables, categories, params.image_size)
+
+
+def inside(folder: Path) -> list[Path]:
+    """The artefacts in a folder, sorted by name."""
+    return sorted(item for item in folder.glob("*") if (item / artefact.MANIFEST).is_file())
+
+
+if __name__ == "__main__":
+    run_stage(main)

@@ -1,0 +1,159 @@
+"""Batches: which points, with whose cuboid and latent, in which order, of what weight."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import spheres
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cagesdf.cuboid import Cage
+from cagesdf.errors import InputError
+from cagesdf.io.points import CHUNK
+from cagesdf.models.latents import LatentTable
+from cagesdf.training.batches import (
+    BatchOrder,
+    cuboid_distance,
+    latent_keys,
+    own_cuboids,
+    rechunk,
+    shape_weights,
+    training_chunks,
+    training_set,
+)
+from cagesdf.training.losses import latent_penalty, shape_l1
+
+
+def select(steps_of="all", points_of="cage", reach=0.02, chunks=None):
+    chunks = spheres.chunks() if chunks is None else chunks
+    return training_chunks(chunks, spheres.sequences(), steps_of, points_of, reach, np.random.default_rng(0))
+
+
+def test_distances_to_own_cuboids_are_those_of_the_cage() -> None:
+    rng = np.random.default_rng(0)
+    axes = np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]
+    axes[:, 0] *= np.linalg.det(axes)[:, None]
+    cage = Cage(tuple("abcd"), rng.uniform(-1, 1, (4, 3)), axes, rng.uniform(0.1, 1, (4, 3)))
+    points = rng.uniform(-1, 1, (4, 30, 3))
+    expected = np.stack([cage.signed_distance(points[i])[:, i] for i in range(4)])
+    np.testing.assert_allclose(cuboid_distance(points, cage.vectors()), expected, atol=1e-12)
+
+
+def test_every_chunk_gets_the_cuboid_of_its_own_shape_step_and_part() -> None:
+    chunks = spheres.chunks()
+    sizes = own_cuboids(chunks, spheres.sequences())[:, 12]
+    expected = [2 * spheres.RADII[chunks.shape_ids[a]][b] for a, b in zip(chunks.shape_id, chunks.step)]
+    np.testing.assert_allclose(sizes, expected, rtol=1e-6)
+
+
+def test_points_without_a_cage_are_refused_by_name() -> None:
+    sequences = spheres.sequences()
+    chunks = spheres.chunks()
+    with pytest.raises(InputError, match=r"shape small, step 0.*no cage"):
+        own_cuboids(chunks, {"large": sequences["large"]})
+    with pytest.raises(InputError, match=r"shape large, step 0.*part limb"):
+        own_cuboids(replace(chunks, part_ids=("limb",)), sequences)
+
+
+@given(reach=st.floats(0, 0.6), seed=st.integers(0, 100))
+@settings(max_examples=20, deadline=None)
+def test_a_cage_arm_keeps_points_within_reach_alone_and_loses_less_than_a_chunk_a_group(
+    reach: float, seed: int
+) -> None:
+    chunks = spheres.chunks((20, 15, 9, 12), seed=seed)
+    cuboids = own_cuboids(chunks, spheres.sequences())
+    within = cuboid_distance(chunks.xyz, cuboids) <= reach
+    kept = rechunk(chunks, within, np.random.default_rng(seed))
+    if len(kept):
+        assert cuboid_distance(kept.xyz, own_cuboids(kept, spheres.sequences())).max() <= reach
+    pool = {tuple(row) for row in chunks.xyz[within].tolist()}
+    rows = [tuple(row) for row in kept.xyz.reshape(-1, 3).tolist()]
+    assert len(set(rows)) == len(rows)
+    assert set(rows) <= pool
+    for shape in (0, 1):
+        for step in (0, 1):
+            own = (chunks.shape_id == shape) & (chunks.step == step)
+            count = ((kept.shape_id == shape) & (kept.step == step)).sum()
+            assert count == within[own].sum() // CHUNK
+    # Distances stay beside their points.
+    radii = np.array([spheres.RADII[kept.shape_ids[a]][b] for a, b in zip(kept.shape_id, kept.step)]).reshape(-1, 1)
+    np.testing.assert_allclose(np.linalg.norm(kept.xyz, axis=2) - radii, kept.sdf, atol=1e-6)
+
+
+def test_the_cube_arm_keeps_all_points_and_rest_keeps_the_source_shapes_alone() -> None:
+    assert len(select(points_of="cube")) == 18
+    rest = select(steps_of="rest", points_of="cube")
+    assert len(rest) == 9
+    assert set(rest.step.tolist()) == {0}
+
+
+def test_a_selection_that_leaves_nothing_of_a_shape_is_refused_by_its_name() -> None:
+    chunks = spheres.chunks((1, 0, 0, 0))
+    far = replace(chunks, xyz=np.full_like(chunks.xyz, 1.0))
+    with pytest.raises(InputError, match=r"points to train on of shape\(s\) large.*reach 0\.02"):
+        select(chunks=far)
+
+
+def test_latents_are_one_a_source_or_one_a_deformed_shape_and_batches_name_their_rows() -> None:
+    chunks = spheres.chunks()
+    assert latent_keys(chunks, "source") == (("large", -1), ("small", -1))
+    assert latent_keys(chunks, "deformed") == (("large", 0), ("large", 1), ("small", 0), ("small", 1))
+    for latents in ("source", "deformed"):
+        table = LatentTable.drawn(latent_keys(chunks, latents), 3, 1.0, seed=0)
+        rows = training_set(chunks, spheres.sequences(), table).latent.tolist()
+        assert rows == [table.row(chunks.shape_ids[a], int(b)) for a, b in zip(chunks.shape_id, chunks.step)]
+
+
+def test_weighted_batches_average_to_the_papers_objective() -> None:
+    """§3.5 spelt out in loops, against the mean over all batches of one epoch."""
+    chunks = spheres.chunks((6, 4, 3, 5))
+    table = LatentTable.drawn(latent_keys(chunks, "source"), 3, 1.0, seed=0)
+    groups = training_set(chunks, spheres.sequences(), table)
+    predicted = torch.randn(groups.sdf.shape, generator=torch.Generator().manual_seed(0))
+
+    means = []
+    for shape in (0, 1):
+        for step in (0, 1):
+            errors = []
+            for c in range(len(chunks)):
+                if chunks.shape_id[c] == shape and chunks.step[c] == step:
+                    errors += [abs(float(predicted[c, n]) - float(chunks.sdf[c, n])) for n in range(CHUNK)]
+            means.append(sum(errors) / len(errors))
+    expected = sum(means) / len(means)
+
+    order = BatchOrder(len(chunks), 3, seed=0)
+    batches = [order.at(step) for step in range(len(chunks) // 3)]
+    losses = [shape_l1(predicted[b], groups.sdf[b], groups.weight[b], 0.0).item() for b in batches]
+    assert np.mean(losses) == pytest.approx(expected, rel=1e-5)
+    assert latent_penalty(table.values).item() == pytest.approx(
+        sum(float(value) ** 2 for row in table.values.detach() for value in row) / len(table), rel=1e-5
+    )
+
+
+def test_weights_give_every_deformed_shape_the_same_say() -> None:
+    chunks = spheres.chunks((6, 4, 3, 5))
+    weights = shape_weights(chunks)
+    totals = [weights[(chunks.shape_id == a) & (chunks.step == b)].sum() for a in (0, 1) for b in (0, 1)]
+    np.testing.assert_allclose(totals, len(chunks) / 4, rtol=1e-6)
+
+
+def test_the_clamp_cuts_prediction_and_truth() -> None:
+    weight = torch.ones(1)
+    predicted, sdf = torch.tensor([[0.5, -0.05]]), torch.tensor([[0.2, 0.5]])
+    assert shape_l1(predicted, sdf, weight, 0.1).item() == pytest.approx((0 + 0.15) / 2)
+    assert shape_l1(predicted, sdf, weight, 0.0).item() == pytest.approx((0.3 + 0.55) / 2)
+
+
+@given(groups=st.integers(1, 20), batch=st.integers(1, 25), seed=st.integers(0, 5))
+def test_every_group_is_used_equally_often_and_the_order_depends_on_seed_and_step_alone(
+    groups: int, batch: int, seed: int
+) -> None:
+    order = BatchOrder(groups, batch, seed)
+    drawn = [order.at(step) for step in range(groups)]
+    assert all(len(item) == batch for item in drawn)
+    assert Counter(torch.cat(drawn).tolist()) == dict.fromkeys(range(groups), batch)
+    for step in (groups - 1, 0):
+        assert torch.equal(BatchOrder(groups, batch, seed).at(step), drawn[step])

@@ -1,0 +1,226 @@
+"""The `cagesdf` command as a user meets it."""
+
+import sys
+import tomllib
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import toy
+import trimesh
+
+from cagesdf import cli
+from cagesdf.cuboid import Cage, Cuboid, Sequence
+from cagesdf.frames import UP_AXES, Similarity
+from cagesdf.io.meshes import read_ply, write_ply
+from cagesdf.io.points import CHUNK, PointChunks, write_shard
+from cagesdf.io.runs import Run, write_run
+from cagesdf.meshes import Mesh, is_closed, signed_volume
+from cagesdf.models.arms import make_decoder
+from cagesdf.models.latents import LatentTable
+from cagesdf.structure.hierarchy import PartHierarchy
+from pipeline import Params, artefact
+
+ROOT = Path(__file__).parent.parent
+PARAMS = Params(format=1)
+SIZE = np.array([0.8, 0.6, 0.4])
+FIGURES: dict[str, Any] = {"width": 4, "layers": 2, "latent_dim": 2, "mapping": [4], "octaves": 0}
+
+
+class Command:
+    """Runs the command in this process."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+        self.capsys = capsys
+        self.monkeypatch = monkeypatch
+
+    def __call__(self, *arguments: object) -> str:
+        """Standard output of a run that must succeed."""
+        self.monkeypatch.setattr(sys, "argv", ["cagesdf", *map(str, arguments)])
+        with pytest.raises(SystemExit) as exit_:
+            cli.run()
+        assert not exit_.value.code, exit_.value.code
+        return self.capsys.readouterr().out
+
+    def complaint(self, *arguments: object) -> str:
+        """The one line that a run must end with."""
+        self.monkeypatch.setattr(sys, "argv", ["cagesdf", *map(str, arguments)])
+        with pytest.raises(SystemExit) as exit_:
+            cli.run()
+        text = str(exit_.value.code)
+        assert text.startswith("cagesdf: "), "a text as exit code: status 1, the text on standard error"
+        assert "\n" not in text
+        return text
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
+    return Command(capsys, monkeypatch)
+
+
+def write_trained(folder: Path, value: float) -> Path:
+    """A run of two boxes whose network says `value` everywhere, so that the cage is the surface."""
+    decoder: Any = make_decoder("DeepSdfDecoder", **FIGURES, seed=0)
+    with torch.no_grad():
+        for parameter in decoder.parameters():
+            parameter.zero_()
+        decoder.out.bias.fill_(value)
+    cages = tuple(Cage.of({"a": Cuboid(np.zeros(3), np.eye(3), SIZE * factor)}) for factor in (1.0, 1.2))
+    names = ("chair_0001", "chair_0002")
+    similarity = Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
+    run = Run(
+        decoder,
+        LatentTable(tuple((name, -1) for name in names), torch.zeros(2, 2)),
+        {name: Sequence(name, None, np.array([0.0, 1.0]), (False, True), cages) for name in names},
+        {name: PartHierarchy.flat(("a",), ("",), "chair") for name in names},
+        dict.fromkeys(names, similarity),
+        {**FIGURES, "decoder": "DeepSdfDecoder", "points_of": "cage"},
+        {"sampled": 1, "used": 1},
+    )
+    with artefact.write("run", folder, inputs={}, params=PARAMS) as out:
+        write_run(out, run, [{"step": 1.0, "loss": 0.5}])
+    return folder
+
+
+@pytest.fixture
+def trained(tmp_path: Path) -> Path:
+    return write_trained(tmp_path / "runs" / "cagesdf", -0.05)
+
+
+def write_points(folder: Path) -> Path:
+    """Two shards of two chunks; a quarter of the points is inside, half near."""
+    rng = np.random.default_rng(0)
+    with artefact.write("points", folder, inputs={}, params=PARAMS) as out:
+        for k in range(2):
+            sdf = np.tile(np.where(np.arange(CHUNK) % 4 == 0, -0.05, 0.05), (2, 1)).astype(np.float32)
+            near = np.tile(np.arange(CHUNK) % 2 == 0, (2, 1))
+            whose = np.array([0, 0], np.int32), np.array([0, k], np.int32), np.array([0, k], np.int32)
+            xyz = rng.uniform(-1, 1, (2, CHUNK, 3)).astype(np.float32)
+            write_shard(
+                out / f"shard-{k:03d}.parquet", PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b")), rng
+            )
+    return folder
+
+
+def test_the_version_is_the_packages(command: Command) -> None:
+    try:
+        installed = version("cagesdf")
+    except PackageNotFoundError:
+        pytest.skip("not installed: pip install -e .")
+    assert command("--version").strip() == installed
+    assert installed == tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+
+
+def test_mistyped_words_are_met_with_a_suggestion(command: Command) -> None:
+    assert 'Did you mean "inspect"?' in command.complaint("inspct", "x")
+    assert "Did you mean --resolution?" in command.complaint("extract", "a", "b", "c.ply", "--resolutin", "64")
+
+
+def test_what_is_missing_or_no_number_is_said(command: Command) -> None:
+    assert "--help" in command.complaint("inspect")
+    assert '"many"' in command.complaint("extract", "a", "b", "c.ply", "--resolution", "many")
+
+
+def test_points_are_described_with_the_share_inside_and_counts_by_cuboid(command: Command, tmp_path: Path) -> None:
+    text = command("inspect", write_points(tmp_path / "points" / "chair"))
+    assert "points, format 1" in text
+    assert "points, 256 rows in 2 files" in text
+    assert "sign negative inside" in text
+    assert "25.0% of the points" in text
+    assert "50.0% near the surface, 50.0% uniform" in text
+    assert "64 to 128 points, median 64, in 3 cuboids" in text
+    assert "-0.05 to 0.05" in text
+    shard = command("inspect", tmp_path / "points" / "chair" / "shard-001.parquet")
+    assert "shard-001.parquet: points, 128 rows" in shard
+    assert "64 to 64 points" in shard
+
+
+def test_shapes_are_described_column_by_column_with_their_meanings(command: Command, tmp_path: Path) -> None:
+    shapes = [toy.stool("stool_1"), toy.stool("stool_2", split="val", legs=3)]
+    text = command("inspect", toy.write_shapes_artefact(tmp_path / "shapes", shapes))
+    assert "shapes, 2 rows" in text
+    assert "parts, 9 rows" in text
+    assert "4 to 5" in text
+    assert "raw → canonical: scale, rotation by rows, translation" in text
+    assert "stool_1" in text
+
+
+def test_a_run_is_described_with_its_files(command: Command, trained: Path) -> None:
+    text = command("inspect", trained)
+    assert "run, format 1" in text
+    assert "weights.safetensors" in text
+    assert "latents, 2 rows" in text
+
+
+def test_a_mesh_is_described_with_its_counts_and_whether_it_is_closed(command: Command, tmp_path: Path) -> None:
+    mesh = toy.box([0, 0, 1], [1, 2, 3])
+    write_ply(tmp_path / "a.ply", mesh)
+    text = command("inspect", tmp_path / "a.ply")
+    assert "yes: no hole" in text
+    assert "-0.5 to 2.5" in text
+    assert text.split("volume")[1].split()[0] == "6"
+    write_ply(tmp_path / "b.ply", Mesh(mesh.vertices, mesh.faces[1:]))
+    assert "closed    no" in command("inspect", tmp_path / "b.ply")
+
+
+def test_what_can_not_be_inspected_is_refused_with_what_was_wanted(command: Command, tmp_path: Path) -> None:
+    assert "no such file or folder" in command.complaint("inspect", tmp_path / "nowhere")
+    assert "manifest.json" in command.complaint("inspect", tmp_path)
+    (tmp_path / "a.txt").write_text("x", encoding="utf-8")
+    assert "wanted an artefact's folder" in command.complaint("inspect", tmp_path / "a.txt")
+    (tmp_path / "a.parquet").write_text("x", encoding="utf-8")
+    assert "not a readable Parquet file" in command.complaint("inspect", tmp_path / "a.parquet")
+    (tmp_path / "a.ply").write_text("ply\n", encoding="utf-8")
+    assert "a.ply" in command.complaint("inspect", tmp_path / "a.ply")
+    write_points(tmp_path / "points" / "chair")
+    assert "holds the artefacts chair" in command.complaint("inspect", tmp_path / "points")
+
+
+def test_a_surface_is_written_in_the_users_frame(command: Command, trained: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.ply"
+    text = command("extract", trained, "chair_0001", out, "--resolution", "64")
+    mesh = read_ply(out)
+    assert is_closed(mesh)
+    assert f"{len(mesh.faces):,} faces" in text
+    # canonical = 0.5 · R raw + (0.1, 0.2, 0.3), z up: raw x, y, z are canonical x, -z, y.
+    raw = SIZE[[0, 2, 1]] / 0.5
+    centre = np.array([-0.1, 0.3, -0.2]) / 0.5
+    cell = 2.1 / 64 / 0.5
+    np.testing.assert_allclose(mesh.vertices.max(0), centre + raw / 2, atol=cell / 10)
+    np.testing.assert_allclose(mesh.vertices.min(0), centre - raw / 2, atol=cell / 10)
+
+
+@pytest.mark.parametrize("ending", [".obj", ".stl", ".glb", ".PLY"])
+def test_every_format_holds_the_same_closed_solid(ending: str, command: Command, trained: Path, tmp_path: Path) -> None:
+    out = tmp_path / f"out{ending}"
+    command("extract", trained, "chair_0001", out, "--resolution", "32")
+    solid = trimesh.load_mesh(out)
+    assert solid.is_watertight
+    command("extract", trained, "chair_0001", tmp_path / "ours.ply", "--resolution", "32")
+    assert solid.volume == pytest.approx(signed_volume(read_ply(tmp_path / "ours.ply")), rel=1e-5)
+
+
+def test_a_step_of_the_sequence_can_be_asked_for(command: Command, trained: Path, tmp_path: Path) -> None:
+    for step in (0, 1):
+        command("extract", trained, "chair_0001", tmp_path / f"{step}.ply", "--resolution", "32", "--step", step)
+    rest, moved = (np.ptp(read_ply(tmp_path / f"{step}.ply").vertices, axis=0) for step in (0, 1))
+    np.testing.assert_allclose(moved / rest, 1.2, rtol=0.05)
+    complaint = command.complaint("extract", trained, "chair_0001", tmp_path / "x.ply", "--step", 7)
+    assert "has the steps 0, 1" in complaint
+
+
+def test_nothing_is_written_where_something_is_wrong(command: Command, trained: Path, tmp_path: Path) -> None:
+    wanted = tmp_path / "out"
+    wanted.mkdir()
+    out = wanted / "a.ply"
+    assert "did you mean chair_0001" in command.complaint("extract", trained, "chair_001", out)
+    assert "at least 8 cells" in command.complaint("extract", trained, "chair_0001", out, "--resolution", "1")
+    assert "ends in .ply" in command.complaint("extract", trained, "chair_0001", wanted / "a.step")
+    assert "make it first" in command.complaint("extract", trained, "chair_0001", tmp_path / "no" / "a.ply")
+    assert "train stage" in command.complaint("extract", tmp_path, "chair_0001", out)
+    empty = write_trained(tmp_path / "empty", 0.05)
+    assert "no surface at all" in command.complaint("extract", empty, "chair_0001", out)
+    assert list(wanted.iterdir()) == []

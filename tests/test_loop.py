@@ -1,0 +1,147 @@
+"""Training: it learns, it repeats, and stopping it changes nothing."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+import spheres
+import torch
+
+from cagesdf.errors import InputError
+from cagesdf.models.arms import DECODERS, make_decoder
+from cagesdf.models.latents import LatentTable
+from cagesdf.training import checkpoint as checkpoint_module
+from cagesdf.training.batches import latent_keys, training_set
+from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
+from cagesdf.training.loop import TrainSettings, rate, train
+
+SETTINGS = TrainSettings(
+    steps=20,
+    batch_chunks=4,
+    learning_rate=5e-3,
+    latent_learning_rate=5e-3,
+    schedule="cosine",
+    halve_every=10,
+    clamp=0.0,
+    latent_weight=1e-3,
+    precision="float32",
+    log_every=3,
+    checkpoint_every=5,
+    seed=0,
+)
+
+
+class Stopped(BaseException):
+    """Stands for Ctrl-C, wherever it comes."""
+
+
+def training(
+    folder: Path, settings: TrainSettings = SETTINGS, stop: int | None = None, decoder: str = "LocalCageDecoder"
+) -> tuple[dict[str, Any], list[dict[str, int | float]], list[int]]:
+    """Train on the spheres; weights and latents, the log, and the steps reported."""
+    chunks = spheres.chunks((30, 30, 30, 30))
+    table = LatentTable.drawn(latent_keys(chunks, "source"), 4, 0.1, seed=0)
+    network = make_decoder(decoder, width=24, layers=3, latent_dim=4, mapping=(16,), octaves=1, seed=0)
+    groups = training_set(chunks, spheres.sequences(), table)
+    reported: list[int] = []
+
+    def report(step: int, loss: float) -> None:
+        reported.append(step)
+        if stop is not None and step >= stop:
+            raise Stopped
+
+    log = train(network, table, groups, settings, Checkpoint(folder), report)
+    return {**network.state_dict(), "latents": table.values.detach()}, log, reported
+
+
+@pytest.mark.parametrize("decoder", sorted(DECODERS))
+def test_a_few_dozen_steps_learn_the_spheres(decoder: str, tmp_path: Path) -> None:
+    log = training(tmp_path, replace(SETTINGS, steps=60, batch_chunks=16, learning_rate=1e-2), decoder=decoder)[1]
+    assert log[-1]["l1"] < 0.2 * log[0]["l1"]
+    assert log[-1]["l1"] < 0.1
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_the_same_seed_gives_the_same_bits_and_another_one_others(
+    precision: Literal["float32", "bfloat16"], tmp_path: Path
+) -> None:
+    settings = replace(SETTINGS, precision=precision)
+    one, same = training(tmp_path / "a", settings), training(tmp_path / "b", settings)
+    assert all(torch.equal(one[0][name], same[0][name]) for name in one[0])
+    assert one[1] == same[1]
+    other = training(tmp_path / "c", replace(settings, seed=1))[0]
+    assert not torch.equal(one[0]["latents"], other["latents"])
+
+
+@pytest.mark.parametrize("stop", [6, 12, 18])
+def test_a_training_that_was_stopped_and_resumed_ends_with_the_same_bits(stop: int, tmp_path: Path) -> None:
+    whole, log, _ = training(tmp_path / "whole")
+    with pytest.raises(Stopped):
+        training(tmp_path / "stopped", stop=stop)
+    resumed, resumed_log, reported = training(tmp_path / "stopped")
+    assert reported[0] == stop // 5 * 5
+    assert all(torch.equal(whole[name], resumed[name]) for name in whole)
+    assert log == resumed_log
+
+
+def test_a_process_killed_while_it_writes_leaves_the_last_good_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkpoint = Checkpoint(tmp_path / "x")
+    checkpoint.save({"a": torch.ones(3)}, {"step": 1})
+    for name in ("fsync", "replace"):
+        with monkeypatch.context() as patch:
+
+            def kill(*_: object) -> None:
+                raise Stopped
+
+            patch.setattr(checkpoint_module.os, name, kill)
+            with pytest.raises(Stopped):
+                checkpoint.save({"a": torch.zeros(3)}, {"step": 2})
+        loaded = checkpoint.load()
+        assert loaded is not None
+        assert loaded[1] == {"step": 1}
+        assert torch.equal(loaded[0]["a"], torch.ones(3))
+    checkpoint.save({"a": torch.zeros(3)}, {"step": 2})
+    loaded = checkpoint.load()
+    assert loaded is not None
+    assert loaded[1] == {"step": 2}
+    checkpoint.remove()
+    assert checkpoint.load() is None
+
+
+def test_a_checkpoint_that_is_none_of_ours_is_refused_by_name(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path)
+    checkpoint.path.write_bytes(b"not tensors at all")
+    with pytest.raises(InputError, match=r"training\.safetensors.*delete it"):
+        checkpoint.load()
+
+
+def test_a_digest_follows_parameters_inputs_and_code() -> None:
+    facts = {"params": {"steps": 3, "width": 4}, "library": loaded_library()}
+    assert digest_of(facts) == digest_of({"library": loaded_library(), "params": {"width": 4, "steps": 3}})
+    assert digest_of(facts) != digest_of({**facts, "params": {"steps": 3, "width": 5}})
+    assert {"cagesdf.training.loop", "cagesdf.models.decoders", "cagesdf.cuboid"} <= set(loaded_library())
+    assert digest_of(facts) != digest_of({**facts, "library": {**loaded_library(), "cagesdf.cuboid": "0"}})
+
+
+def test_a_loss_that_is_no_longer_finite_stops_with_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"loss became .* in steps \d+ to \d+; lower learning_rate"):
+        training(tmp_path, replace(SETTINGS, learning_rate=1e18, checkpoint_every=100))
+    assert not (tmp_path / "training.safetensors").exists()
+
+
+def test_the_log_has_means_over_all_steps_and_no_times(tmp_path: Path) -> None:
+    _, log, reported = training(tmp_path)
+    assert [row["step"] for row in log] == [3, 6, 9, 12, 15, 18, 20]
+    assert reported == [0, 3, 6, 9, 12, 15, 18, 20]
+    assert set(log[0]) == {"step", "loss", "l1", "latent_norm"}
+    singly = training(tmp_path / "singly", replace(SETTINGS, log_every=1))[1]
+    assert log[0]["l1"] == pytest.approx(sum(row["l1"] for row in singly[:3]) / 3, rel=1e-5)
+
+
+def test_learning_rates_fall_to_zero_along_a_cosine_or_by_halves() -> None:
+    assert [rate(step, SETTINGS) for step in (0, 10, 20)] == pytest.approx([1, 0.5, 0])
+    halves = replace(SETTINGS, schedule="halve", halve_every=8)
+    assert [rate(step, halves) for step in (0, 7, 8, 16)] == [1, 1, 0.5, 0.25]

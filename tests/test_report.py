@@ -1,0 +1,309 @@
+"""The page says what the tables and pictures say, and asks for nothing from the network."""
+
+import json
+import re
+import xml.etree.ElementTree
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cagesdf import rendering
+from cagesdf.cuboid import Cage, Cuboid, Sequence
+from cagesdf.deformation import deform_shape, scaled_cage
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.io.logs import read_losses
+from cagesdf.io.meshes import Surface, write_surfaces
+from cagesdf.io.rejected import write_rejected
+from cagesdf.io.scores import SCORES, write_scores
+from cagesdf.io.sequences import write_sequences
+from cagesdf.io.shapes import write_shapes
+from cagesdf.rendering import CLAY, Scene
+from cagesdf.report import figures
+from cagesdf.report.chart import loss_chart
+from cagesdf.report.gather import part_colours, read_category, spread
+from cagesdf.report.page import Category, Grid, write_page
+from cagesdf.solid import cage_surface, union
+from pipeline import Params, ReportParams, artefact
+from stages import report
+
+SVG = "{http://www.w3.org/2000/svg}"
+NOTHING = Grid((), (), (), ())
+
+
+def line(mean: float) -> dict[str, dict[str, float]]:
+    return {key: {"mean": mean, "std": mean / 10, "n": 2} for key in ("surface_distance", "cd_deepsdf", "iou")}
+
+
+TABLE = {"chair": {"cagesdf": line(0.5), "deepsdf": line(0.25), "cage": line(0.125), "ground_truth": line(0.0625)}}
+TABLES = {"about": {"version": 1, "points": 30000, "seeds": [0, 1]}, "table1": TABLE, "table2": {"chair": {}}}
+
+
+class Page(HTMLParser):
+    """Addresses that a page refers to, and its text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.images = 0
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.addresses += [
+            value or "" for name, value in attributes if name in ("src", "href", "srcset", "action", "data")
+        ]
+        self.images += tag == "img"
+        assert tag not in ("script", "iframe", "object", "embed", "base")
+        if tag not in ("meta", "link", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+@pytest.fixture
+def category(monkeypatch: pytest.MonkeyPatch) -> Category:
+    monkeypatch.setattr(rendering, "WINDOWS", ())
+    cage = Cage.of({"a": Cuboid(np.zeros(3), np.eye(3), np.ones(3))})
+    surface = Scene((cage_surface(cage),), (CLAY,))
+    boxes = Scene(cage=cage, cage_colours=("#336699",))
+    comparison = Grid(("cuboids", "ground truth", "cagesdf"), (False,) * 3, ("c<1>",), ((boxes, surface, surface),))
+    sequence = Grid(("t = 0.0", "t = 0.5"), (False, True), ("truth", "cagesdf"), ((surface, surface), (None, surface)))
+    curve = [(20, 0.1), (40, 0.05), (60, 0.02)]
+    return Category("chair", 5, 2, {"bad": "a <b> part"}, comparison, sequence, {"cagesdf": curve, "deepsdf": curve})
+
+
+@pytest.fixture
+def page(category: Category, tmp_path: Path) -> str:
+    write_page(tmp_path / "index.html", TABLES, [category], 48)
+    return (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_page_asks_for_nothing_outside_itself(page: str) -> None:
+    assert all(address.startswith(("data:", "#")) for address in Page(page).addresses)
+    styles = "".join(re.findall(r"<style>(.*?)</style>", page, re.DOTALL))
+    assert "url(" not in styles
+    assert "@import" not in styles
+    assert "http" not in re.sub(r"data:[^\"]*", "", page)
+
+
+def test_every_scene_is_a_picture_and_links_inside_the_page_lead_somewhere(page: str) -> None:
+    parsed = Page(page)
+    assert parsed.open == []
+    assert parsed.images == 6
+    for address in parsed.addresses:
+        assert not address.startswith("#") or f'id="{address[1:]}"' in page
+
+
+def test_the_page_tells_the_papers_figures_and_that_they_are_not_comparable(page: str) -> None:
+    text = " ".join(Page(page).words)
+    assert {"0.000845", "0.000447", "Chamfer 0.000617", "Chamfer 0.00274"} <= {
+        word.strip() for word in Page(page).words
+    }
+    assert "Data and compute differ" in text
+    assert "V100" in text
+
+
+def test_names_and_reasons_are_shown_as_written(page: str) -> None:
+    text = " ".join(Page(page).words)
+    assert "c<1>" in text
+    assert "a <b> part" in text
+    assert "5 shapes passed" in text
+    assert "held out" in text
+
+
+def test_the_same_input_gives_the_same_page(category: Category, page: str, tmp_path: Path) -> None:
+    write_page(tmp_path / "again.html", TABLES, [category], 48)
+    assert (tmp_path / "again.html").read_text(encoding="utf-8") == page
+
+
+def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
+    bare = Category("stool", 0, 0, {}, NOTHING, NOTHING, {})
+    write_page(tmp_path / "index.html", {"about": {}, "table1": {}, "table2": {}}, [bare], 48)
+    parsed = Page((tmp_path / "index.html").read_text(encoding="utf-8"))
+    assert parsed.open == []
+    assert parsed.images == 0
+    assert "stool" in parsed.words
+
+
+def test_the_best_figure_is_the_lowest_distance_and_the_highest_overlap_and_references_never_win() -> None:
+    columns = [("chair", "surface_distance"), ("chair", "iou"), ("table", "iou")]
+    ours, baseline = figures.rows(TABLE, ["cagesdf", "deepsdf"], columns, ranked=True)
+    assert [cell.best for cell in ours.cells] == [False, True, False]
+    assert [cell.best for cell in baseline.cells] == [True, False, False]
+    assert ours.cells[2].text == "–"
+    assert not any(cell.best for row in figures.rows(TABLE, figures.REFERENCES, columns, False) for cell in row.cells)
+    assert figures.rows(TABLE, ["unheard_of"], columns, ranked=True) == []
+
+
+def test_arms_stand_in_the_order_of_the_ablation_then_by_name() -> None:
+    assert figures.in_order({"zebra", "deepsdf", "ground_truth", "ant", "cagesdf_noaug", "cagesdf"}) == [
+        "cagesdf", "cagesdf_noaug", "deepsdf", "ant", "zebra",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.000447, "0.000447"), (0.0247, "0.0247"), (12.3456, "12.3"), (99.96, "100"), (0.9996, "1.00"), (0.0, "0"),
+        (3e-13, "0"), (1234.5, "1234"), (4.5e-7, "4.50·10⁻⁷"), (float("inf"), "∞"), (float("nan"), "–"), (0.5, "0.500"),
+    ],
+)  # fmt: skip
+def test_figures_have_three_significant_digits(value: float, text: str) -> None:
+    assert figures.figure(value) == text
+
+
+@given(st.floats(1e-5, 1e5), st.sampled_from([2, 3]))
+def test_a_written_figure_is_the_number_to_its_digits(value: float, digits: int) -> None:
+    assert float(figures.figure(value, digits)) == pytest.approx(value, rel=0.51 * 10 ** (1 - digits))
+
+
+def polylines(svg: str) -> list[np.ndarray]:
+    root = xml.etree.ElementTree.fromstring(svg)
+    lines = [element for element in root.iter() if element.tag.removeprefix(SVG) == "polyline"]
+    return [np.array([[float(n) for n in pair.split(",")] for pair in line.attrib["points"].split()]) for line in lines]
+
+
+def test_equal_ratios_of_losses_are_equal_heights() -> None:
+    (curve,) = polylines(loss_chart({"a": [(0, 1.0), (1, 0.1), (2, 0.01)]}))
+    np.testing.assert_allclose(np.diff(curve[:, 1]), np.diff(curve[:, 1])[0], atol=0.2)
+    assert (np.diff(curve, axis=0) > 0).all(), "later is right, lower is below"
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from("abcdefghij"),
+        st.lists(st.tuples(st.integers(0, 10**6), st.floats(allow_nan=True, allow_infinity=True)), max_size=5),
+        max_size=10,
+    )
+)
+def test_any_losses_give_a_chart_within_its_frame(curves: dict[str, list[tuple[int, float]]]) -> None:
+    svg = loss_chart({name: sorted(curve, key=lambda point: point[0]) for name, curve in curves.items()})
+    usable = [name for name, curve in curves.items() if any(1e-30 < y < 1e30 for _, y in curve)]
+    assert bool(svg) == bool(usable)
+    if svg:
+        lines = polylines(svg)
+        assert len(lines) == len(usable)
+        for line in lines:
+            assert (line >= 0).all()
+            assert (line <= [760, 300]).all()
+
+
+@given(st.integers(0, 40), st.integers(1, 8))
+def test_chosen_shapes_are_different_and_in_order(total: int, count: int) -> None:
+    items = [f"{i:02d}" for i in range(total)]
+    chosen = spread(items, count)
+    assert len(chosen) == min(total, count)
+    assert chosen == sorted(set(chosen))
+
+
+PARAMS = Params(format=1)
+REPORT = ReportParams(format=1, shapes=2, image_size=32)
+
+
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Artefacts of one category and two arms, one without held-out steps."""
+    monkeypatch.setattr(rendering, "WINDOWS", ())
+    shapes = [toy.stool(f"stool_{i}", width=1 + 0.2 * i) for i in range(3)]
+    folder = tmp_path / "data"
+    with artefact.write("shapes", folder / "shapes" / "stool", inputs={}, params=PARAMS) as out:
+        write_shapes(out, shapes)
+        write_rejected(out, [ShapeRejected("stool_9", "import_shapes", "no faces")], 4, 0.5)
+    sequences = []
+    for i, shape in enumerate(shapes):
+        low, high = (np.array([f(p.mesh.vertices, axis=0) for p in shape.parts]) for f in (np.min, np.max))
+        cage = Cage(shape.structure.parts(), (low + high) / 2, np.tile(np.eye(3), (len(low), 1, 1)), high - low)
+        cages = tuple(scaled_cage(cage, np.array([1, 1 + 0.1 * i * t, 1])) for t in (0, 1, 2))
+        sequences.append(Sequence(shape.shape_id, None, np.array([0, 0.5, 1]), (False, True, False), cages))
+    with artefact.write("sequences", folder / "sequences" / "stool", inputs={}, params=PARAMS) as out:
+        write_sequences(out, sequences, {s.shape_id: np.zeros((3, 5)) for s in sequences})
+    for arm, steps in (("cagesdf", (0, 1)), ("deepsdf", (0,))):
+        surfaces = [
+            Surface(
+                s.shape_id,
+                step,
+                step == 1,
+                union(deform_shape(shape, s.cages[0], s.cages[step])),
+                0.0,
+                1,
+                shape.similarity,
+            )
+            for shape, s in zip(shapes, sequences)
+            for step in steps
+        ]
+        with artefact.write("meshes", folder / "meshes" / "stool" / arm, inputs={}, params=PARAMS) as out:
+            write_surfaces(out, surfaces)
+        with artefact.write("run", folder / "runs" / "stool" / arm, inputs={}, params=PARAMS) as out:
+            (out / "log.jsonl").write_text(
+                '{"step": 20.0, "loss": 0.5}\n{"step": 40.0, "loss": 0.25}\n', encoding="utf-8"
+            )
+        write_rows(folder / "scores" / "stool" / arm, [(arm, s.shape_id, step) for s in sequences for step in steps])
+    write_rows(folder / "scores" / "stool" / "references", [("cage", "stool_0", 0), ("ground_truth", "stool_0", 0)])
+    return folder
+
+
+def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
+    figures_ = dict.fromkeys([*METRICS, *(column.name for column in SCORES.columns[5:])], 0.5)
+    rows = [{"arm": a, "shape_id": i, "step": k, "held_out": k == 1, "seed": 0, **figures_} for a, i, k in keys]
+    with artefact.write("scores", folder, inputs={}, params=PARAMS) as out:
+        write_scores(out, rows, {"version": 1})
+
+
+def make(data: Path, name: str) -> tuple[Path, Path]:
+    scores, meshes, runs, shapes, sequences = (data / k for k in ("scores", "meshes", "runs", "shapes", "sequences"))
+    report.main(scores, meshes, runs, shapes, sequences, data / name / "metrics", data / name / "report", REPORT)
+    return data / name / "metrics" / "tables.json", data / name / "report" / "index.html"
+
+
+def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path) -> None:
+    tables, page = make(data, "a")
+    content = json.loads(tables.read_text(encoding="utf-8"))
+    assert set(content["table1"]["stool"]) == {"cagesdf", "deepsdf", "cage", "ground_truth"}
+    assert set(content["table2"]["stool"]) == {"cagesdf"}
+    parsed = Page(page.read_text(encoding="utf-8"))
+    assert parsed.images == 2 * 4 + 3 + 3 + 2, "two shapes compared; a sequence's cuboids, surfaces, reconstructions"
+    assert "3 shapes passed" in parsed.words
+    assert "no faces" in parsed.words
+    for first, again in zip((tables, page), make(data, "b")):
+        assert first.read_bytes() == again.read_bytes()
+
+
+def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
+    places = {"cagesdf": data / "meshes" / "stool" / "cagesdf"}
+    category = read_category(data / "shapes" / "stool", data / "sequences" / "stool", places, {}, 9)
+    assert category.comparison.names == ("stool_0", "stool_1", "stool_2")
+    heights = [np.ptp(scene.points()[:, 1]) for scene in category.sequence.scenes[1] if scene]
+    assert heights[2] == pytest.approx(1.4 * heights[0])
+    assert category.sequence.held_out == (False, True, False)
+    assert [scene is None for scene in category.sequence.scenes[2]] == [False, False, True]
+
+
+def test_parts_of_one_label_share_a_colour_and_unlabelled_parts_have_their_own() -> None:
+    seat, *legs = part_colours(toy.stool("a"))
+    assert len(set(legs)) == 1
+    assert seat != legs[0]
+    bare = toy.stool("a")
+    parts = tuple(replace(part, label="") for part in bare.parts)
+    assert len(set(part_colours(replace(bare, parts=parts)))) == 5
+
+
+@pytest.mark.parametrize("text", ["{", '{"step": 1}\n', "[1]\n"])
+def test_a_damaged_log_is_refused_by_name(text: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read_losses(tmp_path)
+    (tmp_path / "log.jsonl").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"log\.jsonl: wanted lines with step and loss"):
+        read_losses(tmp_path)

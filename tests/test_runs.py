@@ -1,0 +1,125 @@
+"""Runs: self-contained, read back as they were, refused by name where they are not whole."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import spheres
+import torch
+
+from cagesdf.errors import InputError
+from cagesdf.io.runs import Run, read_run, write_run
+from cagesdf.models.arms import make_decoder
+from cagesdf.models.latents import SHARED, LatentTable
+
+PARAMS: dict[str, Any] = {
+    "decoder": "LocalCageDecoder",
+    "width": 12,
+    "layers": 3,
+    "latent_dim": 4,
+    "mapping": [8],
+    "octaves": 1,
+    "points_of": "cage",
+    "reach": 0.02,
+    "clamp": 0.0,
+}
+LOG = [{"step": 1, "loss": 0.5, "l1": 0.4, "latent_norm": 0.1}]
+
+
+def make_run(keys: tuple[tuple[str, int], ...] = (("large", SHARED), ("small", SHARED))) -> Run:
+    sizes = {name: PARAMS[name] for name in ("width", "layers", "latent_dim", "mapping", "octaves")}
+    return Run(
+        make_decoder("LocalCageDecoder", **sizes, seed=1),
+        LatentTable.drawn(keys, 4, 1.0, seed=2),
+        spheres.sequences(),
+        spheres.structures(),
+        spheres.similarities(),
+        PARAMS,
+        {"sampled": 128, "used": 64},
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_run(tmp_path, make_run(), LOG)
+    return tmp_path
+
+
+def test_a_run_comes_back_as_it_was(folder: Path) -> None:
+    before, after = make_run(), read_run(folder)
+    assert not after.decoder.training
+    assert not any(parameter.requires_grad for parameter in after.decoder.parameters())
+    cuboid = torch.from_numpy(after.sequences["large"].cages[1].vectors()).float()
+    points = torch.rand(1, 9, 3, generator=torch.Generator().manual_seed(0))
+    latent = after.latent("large", 1)
+    assert torch.equal(latent, before.latent("large", 1))
+    with torch.no_grad():
+        call = points, latent[None], cuboid
+        assert torch.equal(after.decoder(*call), before.decoder(*call))
+    assert after.params == PARAMS
+    assert after.points == before.points
+    for shape_id, sequence in before.sequences.items():
+        assert after.sequences[shape_id].held_out == sequence.held_out
+        for one, other in zip(after.sequences[shape_id].cages, sequence.cages):
+            assert one.part_ids == other.part_ids
+            assert np.array_equal(one.vectors(), other.vectors())
+        assert after.structures[shape_id].to_json() == before.structures[shape_id].to_json()
+        assert after.similarities[shape_id].to_numbers() == before.similarities[shape_id].to_numbers()
+    assert [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()] == LOG
+
+
+def test_the_same_run_gives_the_same_bytes_and_nothing_pickled(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    other = tmp_path_factory.mktemp("other")
+    write_run(other, make_run(), LOG)
+    names = ["arm.json", "cages.parquet", "latents.parquet", "log.jsonl", "shapes.parquet", "weights.safetensors"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    assert all((folder / name).read_bytes() == (other / name).read_bytes() for name in names)
+
+
+def test_steps_are_all_of_a_shape_or_those_with_a_latent_of_their_own(tmp_path: Path) -> None:
+    assert make_run().steps("large") == (0, 1)
+    own = make_run((("large", 1), ("small", 0)))
+    assert own.steps("large") == (1,)
+    with pytest.raises(InputError, match="shape large, step 0"):
+        own.latent("large", 0)
+
+
+@pytest.mark.parametrize(
+    "name", ["arm.json", "weights.safetensors", "latents.parquet", "cages.parquet", "shapes.parquet"]
+)
+def test_a_missing_or_damaged_file_is_named(name: str, folder: Path) -> None:
+    whole = (folder / name).read_bytes()
+    (folder / name).write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=name):
+        read_run(folder)
+    (folder / name).unlink()
+    with pytest.raises(InputError, match=name):
+        read_run(folder)
+
+
+@pytest.mark.parametrize("change", [{"version": 2}, {"kind": "meshes"}])
+def test_another_kind_or_version_is_refused_by_name(change: dict, folder: Path) -> None:
+    arm = json.loads((folder / "arm.json").read_text())
+    (folder / "arm.json").write_text(json.dumps({**arm, **change}))
+    with pytest.raises(InputError, match="wanted run version 1"):
+        read_run(folder)
+
+
+def test_weights_of_another_network_are_refused(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    arm = json.loads((folder / "arm.json").read_text())
+    arm["params"]["width"] = 16
+    (folder / "arm.json").write_text(json.dumps(arm))
+    with pytest.raises(InputError, match=r"weights\.safetensors.*arm\.json"):
+        read_run(folder)
+
+
+def test_latents_of_another_length_are_refused(folder: Path) -> None:
+    arm = json.loads((folder / "arm.json").read_text())
+    arm["params"]["latent_dim"] = 5
+    (folder / "arm.json").write_text(json.dumps(arm))
+    with pytest.raises(InputError, match=r"latents\.parquet.*5 numbers"):
+        read_run(folder)

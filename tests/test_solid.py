@@ -1,0 +1,262 @@
+"""The repair chain gives back volume, sign and place of solids that were broken on purpose."""
+
+import builtins
+import sys
+from types import SimpleNamespace
+
+import manifold3d
+import numpy as np
+import pytest
+import toy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cagesdf.distance import SurfaceDistance
+from cagesdf.errors import InputError
+from cagesdf.meshes import Mesh, is_closed, join, signed_volume, weld
+from cagesdf.solid import (
+    METHODS,
+    TIGHT,
+    NotSolidError,
+    as_manifold,
+    cap,
+    make_solid,
+    pieces,
+    thickness,
+    union,
+)
+
+BOX = toy.box([0.1, 0, 0], [1, 0.5, 0.25])
+BALL = toy.ball([0, 0, 0], 0.5)
+TUBE = toy.from_manifold(
+    manifold3d.Manifold.cylinder(1.0, 0.5, 0.5, 32) - manifold3d.Manifold.cylinder(3.0, 0.4, 0.4, 32).translate([0, 0, -1])
+)
+
+
+def solid(mesh: Mesh) -> tuple[Mesh, str]:
+    return make_solid(mesh, 1e-5, 1e-4)
+
+
+def flipped(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
+
+
+def soup(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.corners().reshape(-1, 3), np.arange(3 * len(mesh.faces), dtype=np.int32).reshape(-1, 3))
+
+
+def opened(mesh: Mesh, side: int, sign: int) -> Mesh:
+    """Without the faces that lie in one extreme plane."""
+    value = (mesh.vertices[:, side] * sign).max() * sign
+    lies = (np.abs(mesh.corners()[:, :, side] - value) < 1e-9).all(1)
+    assert lies.any()
+    return Mesh(mesh.vertices, mesh.faces[~lies])
+
+
+def some_flipped(mesh: Mesh) -> Mesh:
+    faces = mesh.faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    return Mesh(mesh.vertices, faces)
+
+
+def doubled(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:, ::-1]]))
+
+
+def assert_same_solid(result: Mesh, wanted: Mesh, tolerance: float = 1e-9) -> None:
+    """Closed for manifold3d, as large, in the same place, and inside where the wanted one is."""
+    assert as_manifold(result).status() == manifold3d.Error.NoError
+    assert signed_volume(result) == pytest.approx(signed_volume(wanted), rel=1e-6, abs=tolerance)
+    np.testing.assert_allclose(result.vertices.min(0), wanted.vertices.min(0), atol=tolerance)
+    np.testing.assert_allclose(result.vertices.max(0), wanted.vertices.max(0), atol=tolerance)
+    points = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
+    np.testing.assert_array_equal(SurfaceDistance(result).inside(points), SurfaceDistance(wanted).inside(points))
+
+
+@pytest.mark.parametrize("mesh", [BOX, BALL, TUBE], ids=["box", "ball", "tube"])
+@pytest.mark.parametrize(
+    ("damage", "method"),
+    [
+        (lambda mesh: mesh, "none"),
+        (flipped, "flipped"),
+        (soup, "merged"),
+        (lambda mesh: soup(flipped(mesh)), "merged"),
+        (doubled, "merged"),
+        (lambda mesh: doubled(soup(mesh)), "merged"),
+        (some_flipped, "oriented"),
+        (lambda mesh: doubled(some_flipped(mesh)), "oriented"),
+        (lambda mesh: Mesh(mesh.vertices, mesh.faces[1:]), "capped"),
+        (lambda mesh: soup(some_flipped(Mesh(mesh.vertices, mesh.faces[1:]))), "capped"),
+    ],
+    ids=["clean", "flipped", "soup", "flipped soup", "both-sided", "both-sided soup", "some flipped",
+         "both-sided, some flipped", "opened", "opened soup, some flipped"],
+)  # fmt: skip
+def test_damage_that_keeps_the_shape_is_undone(mesh: Mesh, damage, method: str) -> None:
+    result, found = solid(damage(mesh))
+    assert found == method
+    assert_same_solid(result, mesh)
+
+
+def test_a_closed_outward_mesh_comes_back_as_it_is() -> None:
+    result, method = solid(BALL)
+    assert method == "none"
+    np.testing.assert_array_equal(result.vertices, BALL.vertices)
+    np.testing.assert_array_equal(result.faces, BALL.faces)
+
+
+@pytest.mark.parametrize("side", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_box_without_one_side_is_closed_there(side: int, sign: int) -> None:
+    result, method = solid(opened(BOX, side, sign))
+    assert method == "capped"
+    assert_same_solid(result, BOX)
+
+
+def test_a_tube_without_one_end_gets_a_ring_and_no_lid() -> None:
+    result, method = solid(opened(TUBE, 2, 1))
+    assert method == "capped"
+    assert_same_solid(result, TUBE)
+
+
+def test_a_box_that_lacks_two_sides_that_meet_is_the_box() -> None:
+    result, _ = solid(opened(opened(BOX, 1, 1), 2, 1))
+    assert_same_solid(result, BOX)
+
+
+def test_faces_that_meet_at_t_junctions_are_closed_without_a_gap() -> None:
+    fine = toy.from_manifold(as_manifold(BOX).refine(2))
+    left = Mesh(fine.vertices, fine.faces[fine.corners()[:, :, 1].max(1) < 0.25 - 1e-9])
+    coarse = Mesh(BOX.vertices, BOX.faces[(BOX.corners()[:, :, 1] > 0.25 - 1e-9).all(1)])
+    rest = Mesh(fine.vertices, fine.faces[fine.corners()[:, :, 1].max(1) >= 0.25 - 1e-9])
+    rest = Mesh(rest.vertices, rest.faces[~(rest.corners()[:, :, 1] > 0.25 - 1e-9).all(1)])
+    result, method = solid(join([left, rest, coarse]))
+    assert method == "capped"
+    assert_same_solid(result, BOX)
+
+
+def test_two_boxes_glued_at_a_face_that_only_one_of_them_has_are_one_solid() -> None:
+    halves = [toy.box([-0.25, 0, 0], [0.5, 1, 1]), toy.box([0.25, 0, 0], [0.5, 1, 1])]
+    result, method = solid(join([halves[0], opened(halves[1], 0, -1)]))
+    assert method == "capped"
+    assert_same_solid(result, toy.box([0, 0, 0], [1, 1, 1]))
+
+
+def test_a_sheet_inside_a_solid_is_dropped() -> None:
+    sheet = opened(opened(toy.box([0.1, 0, 0], [0.8, 0.3, 0.1]), 2, 1), 1, 1)
+    flat = Mesh(sheet.vertices, sheet.faces[:1])
+    result, method = solid(join([BOX, flat]))
+    assert method == "capped"
+    assert_same_solid(result, BOX)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_overlapping_pieces_are_one_solid_even_if_one_is_inside_out(turned: bool) -> None:
+    other = toy.box([0.4, 0.1, 0], [1, 0.5, 0.1])
+    result, method = solid(join([BOX, flipped(other) if turned else other]))
+    assert method == "united"
+    assert_same_solid(result, union([BOX, other]))
+
+
+def test_pieces_apart_stay_as_they_are_and_a_cavity_stays_one() -> None:
+    apart = join([BOX, toy.ball([0, 0.7, 0], 0.2)])
+    assert solid(apart)[1] == "none"
+    hollow = join([BALL, flipped(toy.ball([0, 0, 0], 0.3))])
+    for mesh in (hollow, flipped(hollow)):
+        result, _ = solid(mesh)
+        assert signed_volume(result) == pytest.approx(signed_volume(hollow))
+
+
+def test_a_solid_around_another_swallows_it() -> None:
+    result, method = solid(join([BALL, toy.ball([0, 0, 0], 0.3)]))
+    assert method == "united"
+    assert_same_solid(result, BALL)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_whatever_faces_are_lost_or_turned_the_result_is_closed_outward_and_within_the_hull(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = [BOX, BALL, TUBE][int(rng.integers(3))]
+    faces = mesh.faces[rng.random(len(mesh.faces)) > rng.uniform(0, 0.1)]
+    turn = rng.random(len(faces)) < rng.uniform(0, 0.3)
+    faces = np.where(turn[:, None], faces[:, ::-1], faces).astype(np.int32)
+    result, method = solid(Mesh(mesh.vertices, faces))
+    assert method in METHODS
+    assert is_closed(result)
+    assert 0 < signed_volume(result) <= as_manifold(mesh).hull().volume() * (1 + 1e-6) + 4 * TIGHT
+    points = np.random.default_rng(0).uniform(-1, 1, (500, 3))
+    truth = SurfaceDistance(mesh)
+    agree = SurfaceDistance(result).inside(points) == truth.inside(points)
+    assert (agree | (truth.unsigned(points) < 0.12)).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    "sheet",
+    [
+        Mesh(np.array([[-0.5, 0, -0.5], [0.5, 0, -0.5], [0.5, 0, 0.5], [-0.5, 0, 0.5]]),
+             np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)),
+        Mesh(BALL.vertices, BALL.faces[(BALL.corners()[:, :, 1] + 0.2 * BALL.corners()[:, :, 0] ** 2 < -0.15).all(1)]),
+    ],
+    ids=["flat", "bowl"],
+)  # fmt: skip
+def test_a_sheet_becomes_a_plate_around_it(sheet: Mesh) -> None:
+    result, method = solid(sheet)
+    assert method == "wrapped"
+    assert as_manifold(result).status() == manifold3d.Error.NoError
+    assert thickness(result) == pytest.approx(2 * TIGHT, rel=0.2)
+    assert SurfaceDistance(sheet).unsigned(result.vertices).max() <= TIGHT * 1.001
+    middle = sheet.corners().mean(1)
+    assert SurfaceDistance(result).inside(middle).all()
+    again, _ = solid(sheet)
+    assert np.array_equal(again.vertices, result.vertices)
+    assert np.array_equal(again.faces, result.faces)
+
+
+def test_a_bowl_is_not_filled() -> None:
+    bowl = Mesh(BALL.vertices, BALL.faces[(BALL.corners()[:, :, 1] + 0.2 * BALL.corners()[:, :, 0] ** 2 < -0.15).all(1)])
+    assert not SurfaceDistance(solid(bowl)[0]).inside(np.array([[0.0, -0.25, 0.0]]))[0]
+
+
+@pytest.mark.parametrize(
+    ("mesh", "reason"),
+    [
+        (Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)), "no faces"),
+        (BOX.with_vertices(np.where(BOX.vertices > 0.2, np.nan, BOX.vertices)), "NaN"),
+        (BOX.with_vertices(BOX.vertices * 0), "no area"),
+        (BOX.with_vertices(BOX.vertices * [1, 1, 1e-5]), "thick on average"),
+    ],
+)
+def test_what_can_not_be_solid_is_refused_with_the_reason(mesh: Mesh, reason: str) -> None:
+    with pytest.raises(NotSolidError, match=reason):
+        make_solid(mesh, 1e-9, 1e-3)
+
+
+def test_missing_system_libraries_are_an_input_error_with_the_line_that_installs_them(monkeypatch) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *rest, **named):
+        if name == "pymeshlab":
+            raise ImportError("libGL.so.1: cannot open shared object file")
+        return real(name, *rest, **named)
+
+    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], dtype=np.int32))
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match="apt-get install libgl1 libopengl0 libegl1"):
+        solid(sheet)
+    monkeypatch.setattr(builtins, "__import__", real)
+    part = SimpleNamespace(MeshSet=lambda verbose: SimpleNamespace(add_mesh=lambda mesh: None), Mesh=lambda v, f: None)
+    monkeypatch.setitem(sys.modules, "pymeshlab", part)
+    with pytest.raises(InputError, match="apt-get install libgl1 libopengl0 libegl1"):
+        solid(sheet)
+
+
+def test_pieces_fall_apart_where_more_than_two_faces_meet() -> None:
+    touching = join([toy.box([-0.5, -0.5, 0], [1, 1, 1]), toy.box([0.5, 0.5, 0], [1, 1, 1])])
+    parts = pieces(weld(touching, 1e-6))
+    assert [len(part.faces) for part in parts] == [12, 12]
+    assert all(is_closed(cap(part)) for part in parts)
+
+
+def test_the_union_refuses_an_open_mesh_by_its_place() -> None:
+    with pytest.raises(ValueError, match="mesh 1 of 2"):
+        union([BOX, Mesh(BOX.vertices, BOX.faces[1:])])

@@ -1,0 +1,145 @@
+"""The train stage: every arm trains, repeats, resumes, and says what it used."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spheres
+import toy
+import yaml
+
+from cagesdf.errors import InputError
+from cagesdf.io.points import write_shard
+from cagesdf.io.runs import read_run
+from cagesdf.io.sequences import write_sequences
+from cagesdf.training import loop
+from pipeline import Params, TrainParams, artefact, load
+from stages.train import main
+
+ROOT = Path(__file__).parent.parent
+SMALL = {
+    "width": 16,
+    "layers": 3,
+    "latent_dim": 4,
+    "mapping": (8,),
+    "steps": 12,
+    "batch_chunks": 4,
+    "checkpoint_every": 4,
+}
+
+
+def arm(name: str, **changes: object) -> TrainParams:
+    params = load(f"arms.{name}", ROOT / "params.yaml")
+    return params.model_copy(update={**SMALL, **changes})
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Checkpoints go to the current folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CAGESDF_DEVICE", "cpu")
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> tuple[Path, Path, Path]:
+    params = Params(format=1)
+    names = sorted(spheres.RADII)
+    shapes = [toy.stool(name) for name in names]
+    paths = tmp_path / "points", toy.write_shapes_artefact(tmp_path / "shapes", shapes), tmp_path / "sequences"
+    with artefact.write("sequences", paths[2], inputs={}, params=params) as folder:
+        write_sequences(folder, spheres.sequences().values(), {name: np.zeros((2, 1)) for name in names})
+    with artefact.write("points", paths[0], inputs={}, params=params) as folder:
+        write_shard(
+            folder / "shard-0000.parquet", spheres.chunks((30, 20, 80, 70), reach=0.8), np.random.default_rng(0)
+        )
+    return paths
+
+
+ARMS = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))["run"]["arms"]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    main(*inputs, out=tmp_path / name, params=arm(name))
+    run = read_run(tmp_path / name)
+    assert run.params["decoder"] == type(run.decoder).__name__ == arm(name).decoder
+    assert sorted(run.sequences) == ["large", "small"]
+    assert len(run.latents) == (4 if arm(name).latents == "deformed" else 2)
+    assert run.points["sampled"] == 200 * 64
+    assert (run.points["used"] == run.points["sampled"]) == (arm(name).points_of == "cube")
+    assert not list(Path("checkpoints").glob("*/*"))
+
+
+def test_the_stage_says_which_points_it_trained_on(
+    inputs: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(*inputs, out=tmp_path / "run", params=arm("cagesdf_noaug"))
+    used = read_run(tmp_path / "run").points["used"]
+    text = f"run: {used:,} of 12,800 points, those inside their cuboid or within 0.02, of source shapes"
+    assert text in capsys.readouterr().out
+
+
+def test_an_interrupted_stage_leaves_no_output_and_resumed_gives_the_same_bytes(
+    inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    main(*inputs, out=tmp_path / "whole", params=arm("cagesdf"))
+    order = loop.BatchOrder.at
+
+    def interrupted(self: loop.BatchOrder, step: int) -> object:
+        if step == 9:
+            raise KeyboardInterrupt
+        return order(self, step)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.BatchOrder, "at", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
+    assert not (tmp_path / "run").exists()
+    assert len(list(Path("checkpoints").glob("*/training.safetensors"))) == 1
+    steps: list[int] = []
+
+    def noted(self: loop.BatchOrder, step: int) -> object:
+        steps.append(step)
+        return order(self, step)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.BatchOrder, "at", noted)
+        main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
+    assert steps == [8, 9, 10, 11]
+    for path in sorted((tmp_path / "whole").iterdir()):
+        assert path.read_bytes() == (tmp_path / "run" / path.name).read_bytes(), path.name
+
+
+def test_a_checkpoint_of_other_parameters_or_inputs_is_not_taken_up(
+    inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def kept(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("stages.train.write_run", kept)
+        for change in ({}, {"seed": 9}):
+            with pytest.raises(KeyboardInterrupt):
+                main(*inputs, out=tmp_path / "run", params=arm("cagesdf", **change))
+        with artefact.write("points", inputs[0], inputs={}, params=Params(format=1)) as folder:
+            write_shard(
+                folder / "shard-0000.parquet", spheres.chunks((70, 70, 70, 70), reach=0.8), np.random.default_rng(0)
+            )
+        with pytest.raises(KeyboardInterrupt):
+            main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
+    assert len(list(Path("checkpoints").iterdir())) == 3
+
+
+def test_inputs_of_the_wrong_kind_and_points_without_cages_are_refused_by_name(
+    inputs: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    points, shapes, sequences = inputs
+    with pytest.raises(artefact.ArtefactError, match="holds 'shapes', wanted 'points'"):
+        main(shapes, shapes, sequences, out=tmp_path / "run", params=arm("cagesdf"))
+    shutil.rmtree(sequences)
+    only = [spheres.sequences()["large"]]
+    with artefact.write("sequences", sequences, inputs={}, params=Params(format=1)) as folder:
+        write_sequences(folder, only, {"large": np.zeros((2, 1))})
+    with pytest.raises(InputError, match=r"shape small.*no cage"):
+        main(points, shapes, sequences, out=tmp_path / "run", params=arm("cagesdf"))
