@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,24 +32,27 @@ def join(meshes: list[Mesh]) -> Mesh:
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes] or [np.zeros((0, 3))]),
         np.concatenate(
-            [mesh.faces + start for mesh, start in zip(meshes, starts)] or [np.zeros((0, 3))], dtype=np.int32
+            [mesh.faces + start for mesh, start in zip(meshes, starts)] or [np.zeros((0, 3), np.int32)], dtype=np.int32
         ),
     )
 
 
 def weld(mesh: Mesh, tolerance: float) -> Mesh:
-    """Merge vertices that share a grid cell of `tolerance` (mesh units); drop faces that collapse.
+    """Merge vertices nearer than `tolerance` (mesh units), chains of them too; drop faces that collapse.
 
     A face that appears twice, in either winding, is kept once: real collections hold each
-    face in both windings, which cancels winding numbers. Unused vertices go.
+    face in both windings, which cancels winding numbers. Unused vertices go. Vertices must be
+    finite.
     """
-    keys = np.round(mesh.vertices / tolerance).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[mesh.faces]
+    pairs = cKDTree(mesh.vertices).query_pairs(tolerance, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(mesh.vertices),) * 2)
+    _, cluster = connected_components(links, directed=False)
+    _, first, cluster = np.unique(cluster, return_index=True, return_inverse=True)
+    faces = first[cluster][mesh.faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return compact(Mesh(mesh.vertices[first], faces[np.sort(once)].astype(np.int32)))
+    return compact(Mesh(mesh.vertices, faces[np.sort(once)].astype(np.int32)))
 
 
 def compact(mesh: Mesh) -> Mesh:

@@ -213,7 +213,7 @@ def cap(mesh: Mesh) -> Mesh:
     if is_closed(mesh):
         return mesh
     planes = [(rim, *_plane(mesh.vertices[rim])) for rim in _rims(mesh)]
-    groups: dict[tuple[int, ...], list[Int[ndarray, " n"]]] = {}
+    groups: dict[tuple[int, ...], list[Int[ndarray, " _"]]] = {}
     for rim, normal, point, _ in sorted(planes, key=lambda plane: -plane[3]):
         side = 1 if tuple(normal) > (0, 0, 0) else -1
         place = np.append(side * normal, side * normal @ point)
@@ -258,7 +258,7 @@ def _distances(mesh: Mesh, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"
     return np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0])
 
 
-def _rims(mesh: Mesh) -> list[Int[ndarray, " n"]]:
+def _rims(mesh: Mesh) -> list[Int[ndarray, " _"]]:
     """Simple loops of vertices around the holes, in the direction that the missing faces would have."""
     tail, head = mesh.faces.astype(np.int64).ravel(), np.roll(mesh.faces.astype(np.int64), -1, axis=1).ravel()
     count = len(mesh.vertices)
@@ -295,7 +295,7 @@ def _plane(loop: Float[ndarray, "n 3"]) -> tuple[Float[ndarray, " 3"], Float[nda
     return (normal if normal @ area >= 0 else -normal), point, float(np.linalg.norm(area))
 
 
-def _fill(vertices: Float[ndarray, "v 3"], rims: list[Int[ndarray, " n"]]) -> Int[ndarray, "f 3"]:
+def _fill(vertices: Float[ndarray, "v 3"], rims: list[Int[ndarray, " _"]]) -> Int[ndarray, "f 3"]:
     """Triangles between the vertices of rims in one plane; the first rim encloses the largest area."""
     normal, _, _ = _plane(vertices[rims[0]])
     across = np.eye(3)[np.abs(normal).argmin()]

@@ -119,7 +119,7 @@ def test_a_tube_without_one_end_gets_a_ring_and_no_lid() -> None:
 
 
 def test_a_box_that_lacks_two_sides_that_meet_is_the_box() -> None:
-    result, _ = solid(opened(opened(BOX, 1, 1), 2, 1))
+    result, _ = solid(opened(opened(BOX, 0, 1), 2, 1))
     assert_same_solid(result, BOX)
 
 

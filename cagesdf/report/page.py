@@ -80,8 +80,9 @@ def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Categ
 
 
 def _summary(table: figures.Table, names: Sequence[str]) -> dict[str, list[figures.Row]]:
-    """The two figures a category that stand beside the paper's."""
-    columns = [(name, metric) for name in names for metric in ("surface_distance", "cd_deepsdf")]
+    """The three figures a category that stand beside the paper's."""
+    metrics = ("surface_distance", "surface_distance_detail", "cd_deepsdf")
+    columns = [(name, metric) for name in names for metric in metrics]
     arms = figures.in_order(arm for category in table.values() for arm in category)
     return {
         "arms": figures.rows(table, arms, columns, ranked=True),

@@ -1,0 +1,117 @@
+"""The stage: what it writes and prints, what it refuses, and that workers change nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+from pipeline import ImportParams, artefact
+
+from cagesdf.errors import InputError
+from cagesdf.io.rejected import read_rejected
+from cagesdf.io.shapes import read_shapes
+from cagesdf.meshes import Mesh
+from stages.import_shapes import main
+
+PARAMS = ImportParams(
+    format=1, include="*", up="y", weld=1e-5, max_faces=100_000, max_parts=150, min_thickness=1e-4, max_rejected=0.5
+)
+
+
+def write_stools(folder: Path, count: int) -> None:
+    """Each a little different; every second one has a seat that lacks a face."""
+    for i in range(count):
+        seat = toy.box([0, 1, 0], [1, 0.1 + 0.01 * i, 1])
+        toy.write_obj(folder / f"stool_{i}" / "seat.obj", Mesh(seat.vertices, seat.faces[i % 2 :]))
+        toy.write_obj(folder / f"stool_{i}" / "leg.obj", toy.rod([0.1, 0, 0], [0, 1, 0], 0.1))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_one_and_two_workers_write_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_stools(tmp_path / "raw", 5)
+    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]], dtype=np.int32))
+    toy.write_obj(tmp_path / "raw" / "stool_0" / "back.obj", sheet)
+    for count in ("1", "2"):
+        monkeypatch.setenv("CAGESDF_WORKERS", count)
+        main(tmp_path / "raw", tmp_path / count, PARAMS)
+    assert contents(tmp_path / "1") == contents(tmp_path / "2")
+
+
+def test_shapes_and_rejections_are_written_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_stools(tmp_path / "raw", 4)
+    (tmp_path / "raw" / "val.txt").write_text("stool_3\n")
+    (tmp_path / "raw" / "stool_1" / "leg.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n")
+    main(tmp_path / "raw", tmp_path / "out", PARAMS)
+    assert artefact.read_manifest(tmp_path / "out")["kind"] == "shapes"
+    shapes = read_shapes(tmp_path / "out")
+    assert shapes.ids == ("stool_0", "stool_2", "stool_3")
+    assert shapes.ids_of("val") == ("stool_3",)
+    assert [shape.status for shape in shapes] == ["passed", "passed", "repaired"]
+    rejected = read_rejected(tmp_path / "out")
+    assert list(rejected) == ["stool_1"]
+    assert "leg.obj, line 4" in rejected["stool_1"]
+    told = capsys.readouterr().out
+    assert "4 shapes: 2 passed, 1 repaired, 1 rejected" in told
+    assert "rejected stool_1: " in told
+
+
+def many_parts(folder: Path) -> None:
+    for i in range(200):
+        toy.write_obj(folder / f"{i}.obj", toy.box([i, 0, 0], [0.5, 1, 1]))
+
+
+def nan_part(folder: Path) -> None:
+    toy.write_obj(folder / "seat.obj", toy.box([0, 0, 0], [1, 1, 1]))
+    (folder / "leg.obj").write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+
+
+def empty_part(folder: Path) -> None:
+    toy.write_obj(folder / "seat.obj", toy.box([0, 0, 0], [1, 1, 1]))
+    (folder / "leg.obj").write_text("")
+
+
+@pytest.mark.parametrize(
+    ("write", "reason"),
+    [
+        (many_parts, "200 parts"),
+        (nan_part, "part leg has vertices that are NaN"),
+        (empty_part, "part leg has no faces"),
+        (lambda folder: folder.mkdir(), "holds no mesh"),
+    ],
+    ids=["200 parts", "NaN", "empty part", "no file"],
+)
+def test_a_bad_shape_is_a_row_of_the_rejected(tmp_path: Path, write, reason: str) -> None:
+    write_stools(tmp_path / "raw", 1)
+    write(tmp_path / "raw" / "bad")
+    main(tmp_path / "raw", tmp_path / "out", PARAMS)
+    assert read_shapes(tmp_path / "out").ids == ("stool_0",)
+    assert reason in read_rejected(tmp_path / "out")["bad"]
+
+
+def test_too_many_rejections_stop_the_stage_and_leave_nothing(tmp_path: Path) -> None:
+    write_stools(tmp_path / "raw", 1)
+    for name in ("bad1", "bad2"):
+        (tmp_path / "raw" / name).mkdir()
+    with pytest.raises(InputError, match=r"2 of 3 shapes rejected.*\n.*bad1: .*holds no mesh"):
+        main(tmp_path / "raw", tmp_path / "out", PARAMS)
+    assert {path.name for path in tmp_path.iterdir()} == {"raw"}
+
+
+def test_a_missing_folder_and_an_artefact_instead_of_raw_shapes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        main(tmp_path / "none", tmp_path / "out", PARAMS)
+    toy.write_shapes_artefact(tmp_path / "shapes", [toy.stool("a")])
+    with pytest.raises(InputError, match="no folder"):
+        main(tmp_path / "shapes", tmp_path / "out", PARAMS)
+    assert {path.name for path in tmp_path.iterdir()} == {"shapes"}
+
+
+def test_a_clean_shape_needs_no_pymeshlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "1")
+    monkeypatch.setitem(__import__("sys").modules, "pymeshlab", None)
+    write_stools(tmp_path / "raw", 2)
+    main(tmp_path / "raw", tmp_path / "out", PARAMS)
+    assert len(read_shapes(tmp_path / "out")) == 2
