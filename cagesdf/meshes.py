@@ -46,11 +46,10 @@ def weld(mesh: Mesh, tolerance: float) -> Mesh:
     """
     pairs = cKDTree(mesh.vertices).query_pairs(tolerance, output_type="ndarray")
     links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(mesh.vertices),) * 2)
-    _, cluster = connected_components(links, directed=False)
-    _, first, cluster = np.unique(cluster, return_index=True, return_inverse=True)
-    faces = first[cluster][mesh.faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
+    clusters = connected_components(links, directed=False)[1]
+    _, first, cluster = np.unique(clusters, return_index=True, return_inverse=True)
+    a, b, c = first[cluster][mesh.faces].T
+    faces = np.stack([a, b, c], axis=1)[(a != b) & (b != c) & (c != a)]
     _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     return compact(Mesh(mesh.vertices, faces[np.sort(once)].astype(np.int32)))
 

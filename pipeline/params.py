@@ -47,7 +47,7 @@ class ImportParams(Params):
     weld: Positive  # vertices nearer than this are one, canonical units
     max_faces: Count  # a shape
     max_parts: Count  # a shape
-    min_thickness: Positive  # a part thinner than this is rejected as a sheet, canonical units
+    min_thickness: Positive  # what is thinner is a sheet and gets a plate; above 0.001, sheets are rejected; canonical
     max_rejected: Share  # of the shapes; more stops the stage
 
 

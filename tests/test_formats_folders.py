@@ -73,7 +73,7 @@ def test_the_groups_of_an_obj_file_are_parts(tmp_path: Path) -> None:
         ("a.obj", b"v 0 0\n", "line 1"),
         ("a.glb", b"glTF junk", "can't be read as GLB"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 99\n", "can't be read as PLY"),
-        ("a.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 60, "can't be read as STL"),
+        ("a.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 60, "has no faces"),
         ("a.txt", b"nothing", "holds no mesh"),
     ],
     ids=["obj", "glb", "ply", "stl", "no mesh"],
@@ -121,7 +121,12 @@ def test_the_listing_takes_folders_and_files_that_fit_and_nothing_else(tmp_path:
         (tmp_path / name).mkdir()
     for name in ("chair_c.obj", "chair_d.glb", "chair_e.json", "chair_f.txt", ".chair.obj"):
         (tmp_path / name).touch()
-    assert [source.shape_id for source in list_shapes(tmp_path, "chair_*")] == ["chair_a", "chair_b", "chair_c", "chair_d"]
+    assert [source.shape_id for source in list_shapes(tmp_path, "chair_*")] == [
+        "chair_a",
+        "chair_b",
+        "chair_c",
+        "chair_d",
+    ]
     with pytest.raises(InputError, match="include 'sofa"):
         list_shapes(tmp_path, "sofa*")
     with pytest.raises(InputError, match="no such folder"):

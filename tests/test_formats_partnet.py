@@ -78,7 +78,11 @@ def test_the_hierarchy_says_what_the_parts_are(tmp_path: Path) -> None:
     ("tree", "hierarchy", "reason"),
     [
         ([TREE], {"id": 0, "label": "x", "children": [{"id": 9, "label": "arm"}]}, r"leaf 9 \(arm\) has no mesh"),
-        ([TREE], {"id": 0, "children": [{"id": 1}, {"id": 3}, {"id": 5, "children": [{"id": -1}]}]}, "leaf -1 .* no mesh"),
+        (
+            [TREE],
+            {"id": 0, "children": [{"id": 1}, {"id": 3}, {"id": 5, "children": [{"id": -1}]}]},
+            "leaf -1 .* no mesh",
+        ),
         ([TREE], [], "wanted an object with an id"),
         ([TREE, TREE], None, "one root, got 2"),
         ([node(0, "x", ["missing"])], None, r"missing\.obj: can't be read"),

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import toy
-from pipeline import ImportParams, artefact
 
 from cagesdf.errors import InputError
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.shapes import read_shapes
 from cagesdf.meshes import Mesh
+from pipeline import ImportParams, artefact
 from stages.import_shapes import main
 
 PARAMS = ImportParams(

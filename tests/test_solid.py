@@ -29,7 +29,8 @@ from cagesdf.solid import (
 BOX = toy.box([0.1, 0, 0], [1, 0.5, 0.25])
 BALL = toy.ball([0, 0, 0], 0.5)
 TUBE = toy.from_manifold(
-    manifold3d.Manifold.cylinder(1.0, 0.5, 0.5, 32) - manifold3d.Manifold.cylinder(3.0, 0.4, 0.4, 32).translate([0, 0, -1])
+    manifold3d.Manifold.cylinder(1.0, 0.5, 0.5, 32)
+    - manifold3d.Manifold.cylinder(3.0, 0.4, 0.4, 32).translate([0, 0, -1])
 )
 
 
@@ -213,7 +214,9 @@ def test_a_sheet_becomes_a_plate_around_it(sheet: Mesh) -> None:
 
 
 def test_a_bowl_is_not_filled() -> None:
-    bowl = Mesh(BALL.vertices, BALL.faces[(BALL.corners()[:, :, 1] + 0.2 * BALL.corners()[:, :, 0] ** 2 < -0.15).all(1)])
+    bowl = Mesh(
+        BALL.vertices, BALL.faces[(BALL.corners()[:, :, 1] + 0.2 * BALL.corners()[:, :, 0] ** 2 < -0.15).all(1)]
+    )
     assert not SurfaceDistance(solid(bowl)[0]).inside(np.array([[0.0, -0.25, 0.0]]))[0]
 
 

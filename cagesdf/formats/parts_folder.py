@@ -72,7 +72,10 @@ def _label(name: str) -> str:
 def _read_mesh(path: Path) -> Mesh:
     if path.suffix.lower() == ".obj":
         return read_obj(path)
-    return join([mesh for _, mesh in _read_scene(path)])
+    meshes = [mesh for _, mesh in _read_scene(path)]
+    if not meshes:
+        raise InputError(f"{path}: has no faces; is the file cut short? Export it again")
+    return join(meshes)
 
 
 def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
