@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cagesdf.errors import ShapeRejected
-from pipeline.executor import item_rng, parallel_map, workers
+from pipeline.executor import counter, device, item_rng, parallel_map, workers
 
 
 def square(number: int) -> int:
@@ -62,3 +62,21 @@ def test_a_wrong_number_of_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 def test_an_items_generator_depends_on_seed_and_ids_alone() -> None:
     draws = {tuple(item_rng(*key).random(2)) for key in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), (1, "a")]}
     assert len(draws) == 4
+
+
+def test_a_counter_shows_how_far_it_came(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with counter(100, "points", "train") as count:
+        count(40, loss="nan")
+        count(100, loss="0.5")
+    shown = capsys.readouterr().err
+    assert "train: 100%" in shown
+    assert "loss=0.5" in shown
+
+
+def test_the_device_is_the_one_that_the_environment_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAGESDF_DEVICE", "meta")
+    assert device() == "meta"
+    monkeypatch.setenv("CAGESDF_DEVICE", "auto")
+    assert device() in ("cpu", "cuda")

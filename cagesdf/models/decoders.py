@@ -59,11 +59,10 @@ class DeepSdfDecoder(nn.Module):
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
         super().__init__()
         self.octaves = octaves
-        self.skip = layers // 2
+        self.again = layers // 2
         inputs = 3 + 6 * octaves + latent_dim
-        self.hidden = nn.ModuleList(
-            [nn.Linear(inputs if i == 0 else width + inputs if i == self.skip else width, width) for i in range(layers)]
-        )
+        into = [inputs if i == 0 else width + inputs if i == self.again else width for i in range(layers)]
+        self.hidden = nn.ModuleList([nn.Linear(size, width) for size in into])
         self.out = nn.Linear(width, 1)
 
     def forward(
@@ -74,7 +73,7 @@ class DeepSdfDecoder(nn.Module):
         inputs = torch.cat([points, sine_features(points, self.octaves), shared], dim=-1)
         hidden = inputs
         for i, layer in enumerate(self.hidden):
-            hidden = torch.relu(layer(torch.cat([hidden, inputs], dim=-1) if i == self.skip else hidden))
+            hidden = torch.relu(layer(torch.cat([hidden, inputs], dim=-1) if 0 < i == self.again else hidden))
         return self.out(hidden)[..., 0]
 
 
@@ -84,7 +83,7 @@ def to_unit(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Fl
     return local / cuboid[:, None, 12:]
 
 
-def sine_features(points: Float[Tensor, "g n 3"], octaves: int) -> Float[Tensor, "g n f"]:
-    """Sine and cosine of π·2^k times each coordinate, k from 0 to `octaves` − 1."""
-    angles = points[..., None, :] * (math.pi * 2.0 ** torch.arange(octaves, device=points.device)[:, None])
+def sine_features(numbers: Float[Tensor, "*g d"], octaves: int) -> Float[Tensor, "*g f"]:
+    """Sine and cosine of π·2^k times each number, k from 0 to `octaves` − 1: 2 · d · `octaves` features."""
+    angles = numbers[..., None, :] * (math.pi * 2.0 ** torch.arange(octaves, device=numbers.device)[:, None])
     return torch.cat([angles.sin(), angles.cos()], dim=-1).flatten(-2)

@@ -32,19 +32,25 @@ class MappingNetwork(nn.Module):
 
 
 class FilmBackbone(nn.Module):
-    """Fully connected ReLU layers from point features to one number, each modulated before its ReLU."""
+    """DeepSDF's network, modulated: ReLU layers from point features to one number, FiLM before each ReLU.
+
+    As there, the features enter a second time halfway.
+    """
 
     def __init__(self, inputs: int, condition: int, width: int, layers: int, mapping: Sequence[int]) -> None:
         """`inputs` features a point, `condition` numbers a group, `layers` hidden layers of `width` units."""
         super().__init__()
         self.mapping = MappingNetwork(condition, mapping, layers, width)
-        # No biases: the shifts are that.
-        self.hidden = nn.ModuleList([nn.Linear(inputs if i == 0 else width, width, bias=False) for i in range(layers)])
+        self.again = layers // 2
+        into = [inputs if i == 0 else width + inputs if i == self.again else width for i in range(layers)]
+        self.hidden = nn.ModuleList([nn.Linear(size, width, bias=False) for size in into])  # the shifts are the biases
         self.out = nn.Linear(width, 1)
 
     def forward(self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g c"]) -> Float[Tensor, "g n"]:
         """One number a point."""
         film = self.mapping(condition)[:, :, :, None]
+        hidden = features
         for i, layer in enumerate(self.hidden):
-            features = torch.relu(layer(features) * (1 + film[:, i, 0]) + film[:, i, 1])
-        return self.out(features)[..., 0]
+            inputs = torch.cat([hidden, features], dim=-1) if 0 < i == self.again else hidden
+            hidden = torch.relu(layer(inputs) * (1 + film[:, i, 0]) + film[:, i, 1])
+        return self.out(hidden)[..., 0]

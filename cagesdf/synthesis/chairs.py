@@ -53,8 +53,7 @@ def wire(size: ndarray, style: Style) -> Mesh:
 
 def bow(size: ndarray, style: Style) -> Mesh:
     """A bent back: an arch from the seat up and down again, in the xy plane."""
-    factors = {**style.factors, "wall": 0.0}
-    return vessels.bail(size, factors)
+    return vessels.bail(size)
 
 
 def seat(size: ndarray, style: Style, power: float = 4.5) -> Mesh:
@@ -84,7 +83,7 @@ def slat(size: ndarray, style: Style) -> Mesh:
 
 
 def _seat(p: Proportions, power: float = 4.5) -> Draft:
-    cuboid = box(0, p["seat"] - p["thick"] / 2, 0, p["width"], p["thick"], p["depth"])
+    cuboid = box(0.0, p["seat"] - p["thick"] / 2, 0.0, p["width"], p["thick"], p["depth"])
     return group("chair_seat", one("seat_surface", cuboid, partial(seat, power=power)))
 
 
@@ -131,7 +130,7 @@ def _posts(p: Proportions) -> Draft:
 
 def _panel(p: Proportions, low: float, high: float) -> Draft:
     """A back between the posts, from `low` to `high` as shares of its height."""
-    ends = _on_back(p, 0, low * p["back"]), _on_back(p, 0, high * p["back"])
+    ends = _on_back(p, 0.0, low * p["back"]), _on_back(p, 0.0, high * p["back"])
     return one("back_surface", strut(*ends, 2 * _half_back(p), p["deep"], FORWARD), back)
 
 
@@ -142,16 +141,21 @@ def _panel_chair(p: Proportions) -> Draft:
 
 
 def _splat_chair(p: Proportions) -> Draft:
-    crest = bar(*(_on_back(p, side * (_half_back(p) + 0.5 * p["leg"]), 0.97 * p["back"]) for side in (-1, 1)), 0.09, p["deep"])
-    tilted = strut(_on_back(p, 0, -0.3 * p["thick"]), _on_back(p, 0, 0.97 * p["back"]), p["splat"], p["deep"], FORWARD)
+    x, high = _half_back(p) + 0.5 * p["leg"], 0.97 * p["back"]
+    crest = bar(_on_back(p, -x, high), _on_back(p, x, high), 0.09, p["deep"])
+    tilted = strut(
+        _on_back(p, 0.0, -0.3 * p["thick"]), _on_back(p, 0.0, 0.97 * p["back"]), p["splat"], p["deep"], FORWARD
+    )
     base = group("chair_base", _legs(p), _sides(p, 0.3 * p["seat"]), _cross(p, "cross_stretcher", 0.3 * p["seat"], 0.0))
-    return group("chair", _seat(p), base, group("chair_back", _posts(p), one("crest", crest, slat), one("splat", tilted, splat)))
+    return group(
+        "chair", _seat(p), base, group("chair_back", _posts(p), one("crest", crest, slat), one("splat", tilted, splat))
+    )
 
 
 def _ladder_chair(p: Proportions) -> Draft:
     x, gap = _half_back(p), p["back"] * 0.8 / 3
     first = bar(_on_back(p, -x, 0.35 * gap + 0.12), _on_back(p, x, 0.35 * gap + 0.12), p["rung"], p["deep"])
-    up = (_on_back(p, 0, 1.0) - _on_back(p, 0, 0.0)) * gap
+    up = (_on_back(p, 0.0, 1.0) - _on_back(p, 0.0, 0.0)) * gap
     base = group(
         "chair_base",
         _legs(p),
@@ -182,18 +186,18 @@ def _arm_chair(p: Proportions) -> Draft:
 def _tablet_chair(p: Proportions) -> Draft:
     arm = _arm(p)
     assert arm.cuboid is not None
-    x, y, z = arm.cuboid.centre + [0, p["arm"] / 2 - 0.005, 0.06]
-    tablet = box(x - 0.06, y, z, 0.62 * p["width"], 0.045, 0.8 * p["depth"])
+    x, y, z = arm.cuboid.centre + np.array([0, p["arm"] / 2 - 0.005, 0.06])
+    board = box(x - 0.06, y, z, 0.62 * p["width"], 0.045, 0.8 * p["depth"])
     return group(
         "chair",
         _seat(p),
         group("chair_base", _legs(p), _cross(p, "front_stretcher", 0.35 * p["seat"], 1.0)),
-        group("chair_arm", arm, one("tablet", tablet, seat_tablet)),
+        group("chair_arm", arm, one("tablet", board, tablet)),
         group("chair_back", _posts(p), _panel(p, 0.4, 0.97)),
     )
 
 
-def seat_tablet(size: ndarray, style: Style) -> Mesh:
+def tablet(size: ndarray, style: Style) -> Mesh:
     """A writing board with a sunk field."""
     outline = superellipse(size[0] / 2, size[2] / 2, 3.0 if style.kinds["outline"] == "round" else 6.0, 72)
     return slabs.slab(size, outline, style.kinds["edge"], "sunk", style.factors)
@@ -201,16 +205,18 @@ def seat_tablet(size: ndarray, style: Style) -> Mesh:
 
 def _pedestal_chair(p: Proportions) -> Draft:
     base = p["foot"]
-    foot = box(0, 0.5 * p["plinth"], 0, base, p["plinth"], base)
+    foot = box(0.0, 0.5 * p["plinth"], 0.0, base, p["plinth"], base)
     low, high = 0.6 * p["plinth"], p["seat"] - 0.4 * p["thick"]
-    stem = box(0, (low + high) / 2, 0, p["stem"], high - low, p["stem"])
+    stem = box(0.0, (low + high) / 2, 0.0, p["stem"], high - low, p["stem"])
     rear = np.array([0.0, p["seat"] - 0.8 * p["thick"], -(p["depth"] / 2 - 0.05)])
     top = rear + (p["back"] + p["thick"]) * np.array([0, np.cos(p["recline"]), -np.sin(p["recline"])])
+    knob = np.array([0.36 * p["width"], p["seat"] - 1.7 * p["thick"], 0.1 * p["depth"]])
+    lever = bar(np.array([0.0, p["seat"] - 1.3 * p["thick"], 0.0]), knob, 0.03, 0.03)
     shell = strut(rear, top, 0.86 * p["width"], p["deep"], FORWARD)
     return group(
         "chair",
         _seat(p, 2.6),
-        group("chair_base", one("pedestal_foot", foot, disc), one("column", stem, column)),
+        group("chair_base", one("pedestal_foot", foot, disc), one("column", stem, column), one("lever", lever, rail)),
         group("chair_back", one("back_surface", shell, back)),
     )
 
@@ -220,18 +226,19 @@ def _three_legged(p: Proportions) -> Draft:
     top = np.array([0.0, p["seat"] - 0.3 * p["thick"], 0.58 * reach])
     bottom = np.array([0.0, 0.0, 0.58 * reach + p["splay"] * p["seat"] * 1.6])
     limb = one("leg", strut(bottom, top, p["leg"], p["leg"], FORWARD), leg)
-    tilted = strut(_on_back(p, 0, -0.8 * p["thick"]), _on_back(p, 0, p["back"]), p["splat"], p["deep"], FORWARD)
+    tilted = strut(_on_back(p, 0.0, -0.8 * p["thick"]), _on_back(p, 0.0, p["back"]), p["splat"], p["deep"], FORWARD)
     return group(
-        "chair", _seat(p, 2), group("chair_base", around(limb, 3)), group("chair_back", one("splat", tilted, splat))
+        "chair", _seat(p, 2.0), group("chair_base", around(limb, 3)), group("chair_back", one("splat", tilted, splat))
     )
 
 
 def _wire_chair(p: Proportions) -> Draft:
     x = _half_back(p)
-    frame = strut(_on_back(p, 0, -0.6 * p["thick"]), _on_back(p, 0, p["back"]), 2 * x, 0.5 * p["leg"], FORWARD)
+    frame = strut(_on_back(p, 0.0, -0.6 * p["thick"]), _on_back(p, 0.0, p["back"]), 2 * x, 0.5 * p["leg"], FORWARD)
     step = 2 * x / 6
     low, high = _on_back(p, -2 * step, -0.6 * p["thick"]), _on_back(p, -2 * step, 0.84 * p["back"])
-    rod = one("spindle", strut(low, high, p["wire"], p["wire"], FORWARD), wire)
+    thin = p["wire"] * (p["seat"] + p["back"])
+    rod = one("spindle", strut(low, high, thin, thin, FORWARD), wire)
     base = group("chair_base", _legs(p), _sides(p, 0.35 * p["seat"]))
     return group(
         "chair", _seat(p), base, group("chair_back", one("bow", frame, bow), row(rod, np.array([step, 0.0, 0.0]), 5))
@@ -262,7 +269,7 @@ CHAIRS = Category(
             _pedestal_chair, {**COMMON, "foot": (0.34, 0.52), "plinth": (0.05, 0.1), "stem": (0.1, 0.18)}
         ),
         "three_legged": Family(_three_legged, {**SPLAYED, "splat": (0.18, 0.28)}),
-        "wire": Family(_wire_chair, {**SPLAYED, "wire": (0.006, 0.0085)}),
+        "wire": Family(_wire_chair, {**SPLAYED, "wire": (0.0055, 0.0085)}),
     },
     kinds={
         "leg": tuple(members.LEGS),

@@ -43,11 +43,11 @@ Shaping = Callable[[ndarray, Factors], Profile]  # positions in [0, 1] from the 
 
 def member(size: Vector, shaping: Shaping, factors: Factors) -> Mesh:
     """A member along y whose section follows a profile."""
-    half_x, half_y, half_z = size / 2
+    half_x, _, half_z = size / 2
     t = np.linspace(0, 1, int(np.clip(size[1] / STEP, 20, 64)))
     profile = shaping(t, factors)
     square = rounded_rectangle(half_x, half_z, min(factors["edge"], 0.45 * half_x, 0.45 * half_z), SIDES)
-    circle = superellipse(half_x, half_z, 2, SIDES)
+    circle = superellipse(half_x, half_z, 2.0, SIDES)
     blend = profile.roundness[:, None, None]
     rings = stack((1 - blend) * square + blend * circle, half_x * profile.scale, half_z * profile.scale, size[1] * t)
     rings[..., 2] += (half_z * profile.shift)[:, None]
@@ -161,7 +161,7 @@ def column(size: Vector, kind: str, factors: Factors) -> Mesh:
     shaft = 0.34 + 0.22 * np.sin(np.pi * t) ** 2
     if kind == "turned":
         shaft = shaft * (0.68 + 0.32 * np.abs(np.sin(np.pi * factors["turnings"] * t)) ** 0.75)
-    power = 2 if kind in ("turned", "round", "sabre") else 5
+    power = 2.0 if kind in ("turned", "round", "sabre") else 5.0
     outline = superellipse(size[0] / 2, size[2] / 2, power, 32)
     scale = np.maximum(shaft, spread)
     return fill(capped(stack(outline, scale, scale, t)), size)
@@ -170,14 +170,14 @@ def column(size: Vector, kind: str, factors: Factors) -> Mesh:
 def apron(size: Vector, kind: str, factors: Factors) -> Mesh:
     """A rail along x whose lower edge is cut out: one arch, or waves of the pitch; its face bulges."""
     half_x, _, half_z = size / 2
-    x = np.linspace(-1, 1, int(np.clip(size[0] / 0.012, 32, 96)))
+    x = np.linspace(-1, 1, int(np.clip(size[0] / 0.016, 32, 72)))
     if kind == "arched":
         cut = 0.55 * np.clip(1 - (x / 0.86) ** 4, 0, 1)
     else:
         waves = max(1, round(1.7 * half_x / factors["pitch"]))
         cut = 0.5 * np.sin(np.pi * waves * (x / 0.86 + 1) / 2) ** 2 * (np.abs(x) < 0.86)
     top, bottom = np.full_like(x, 0.5), -0.5 + cut
-    outline = superellipse(half_z, size[1] / 2, 3.2, 24)
+    outline = superellipse(half_z, size[1] / 2, 3.2, 20)
     depth = 0.7 + 0.3 * np.cos(np.pi / 2 * x)
     rings = stack(outline, half_z * depth, size[1] * (top - bottom) / 2, half_x * x)
     rings[..., 2] += (size[1] * (top + bottom) / 2)[:, None]

@@ -82,7 +82,7 @@ def cushion(size: Vector, factors: Factors) -> Mesh:
     """A pad, domed on both sides, its seam at half height, tufted at the pitch."""
     half = size / 2
     outline = rounded_rectangle(half[0], half[2], 0.05 + factors["edge"], 72)
-    angle = np.concatenate([np.linspace(-np.pi / 2, np.pi / 2, 27)])
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 27)
     scale = np.cos(angle).clip(0) ** 0.42
     rings = stack(outline, half[0] * scale, half[2] * scale, half[1] * np.sin(angle))[1:-1]
 
@@ -104,7 +104,9 @@ def panel(size: Vector, kind: str, factors: Factors) -> Mesh:
     width, height, depth = size
     plate = max(depth - factors["bend"], min(SHEET, 0.5 * depth), 0.3 * depth)
     outline = rounded_rectangle(width / 2, height / 2, 0.03 + 2 * factors["edge"], 72)
-    body = stood(slab(np.array([width, plate, height]), outline, "rounded", "sunk" if kind == "bent" else "domed", factors))
+    body = stood(
+        slab(np.array([width, plate, height]), outline, "rounded", "sunk" if kind == "bent" else "domed", factors)
+    )
     if kind != "bent":
         body = pierced(body, _openings(width, height, kind, factors["pitch"]))
     crest = 0.12 * height * (kind != "slatted")
@@ -126,13 +128,16 @@ def _openings(width: float, height: float, kind: str, pitch: float) -> list[Mesh
         count = max(2, round((width - 2 * margin) / pitch))
         step = (width - 2 * margin) / count
         return [
-            _hole(-width / 2 + margin + (i + 0.5) * step, 0.0, 0.3 * step, height / 2 - margin, 4.0) for i in range(count)
+            _hole(-width / 2 + margin + (i + 0.5) * step, 0.0, 0.3 * step, height / 2 - margin, 4.0)
+            for i in range(count)
         ]
     columns = max(2, round((width - 2 * margin) / (1.25 * pitch)))
     rows = max(2, round((height - 2 * margin) / (1.25 * pitch)))
     across, up = (width - 2 * margin) / columns, (height - 2 * margin) / rows
     return [
-        _hole((i + 0.5) * across - width / 2 + margin, (j + 0.5) * up - height / 2 + margin, 0.36 * across, 0.36 * up, 1.4)
+        _hole(
+            (i + 0.5) * across - width / 2 + margin, (j + 0.5) * up - height / 2 + margin, 0.36 * across, 0.36 * up, 1.4
+        )
         for i in range(columns)
         for j in range(rows)
         if not (j == rows - 1 and i in (0, columns - 1))
@@ -142,7 +147,7 @@ def _openings(width: float, height: float, kind: str, pitch: float) -> list[Mesh
 def _hole(x: float, y: float, half_x: float, half_y: float, power: float) -> Mesh:
     """A prism through a panel, about (x, y)."""
     one = np.ones(2)
-    prism = capped(stack(superellipse(half_x, half_y, power, 24), half_x * one, half_y * one, np.array([-0.5, 0.5])))
+    prism = capped(stack(superellipse(half_x, half_y, power, 16), half_x * one, half_y * one, np.array([-0.5, 0.5])))
     return warped(stood(prism), lambda a, b, c: (a + x, b + y, c))
 
 
@@ -202,16 +207,17 @@ def grid(size: Vector, factors: Factors) -> Mesh:
 def front(size: Vector, kind: str, factors: Factors) -> Mesh:
     """A drawer's front, its field sunk, with a turned knob that reaches the cuboid's front."""
     width, height, depth = size
-    plate = 0.5 * depth
+    plate = 0.6 * depth
     outline = rounded_rectangle(width / 2, height / 2, factors["edge"], 64)
     board = stood(slab(np.array([width, plate, height]), outline, "bevelled", "sunk", factors))
     t = np.linspace(0, 1, 16)
     radius = min(0.028, 0.2 * height)
     waist = np.where(t < 0.5, 0.5, 0.5 + 0.5 * np.sin(np.pi * np.clip((t - 0.5) * 2, 0, 1) ** 0.8)) * radius
     power = 2.0 if kind in ("turned", "round", "sabre") else 4.5
-    knob = stood(capped(stack(superellipse(1, 1, power, 20), waist, waist, (t - 0.05) * (depth - plate) * 1.05)))
-    placed = warped(knob, lambda x, y, z: (x, y, z + plate / 2 - 0.45 * min(factors["dish"], 0.45 * plate)))
-    return fill(united([board, placed]), size)
+    base = plate / 2 - min(factors["dish"], 0.45 * plate) - 0.002
+    rise = base + t * (depth - plate / 2 - base)
+    knob = stood(capped(stack(superellipse(1.0, 1.0, power, 20), waist, waist, rise)))
+    return fill(united([board, knob]), size)
 
 
 def case(size: Vector, factors: Factors) -> Mesh:
@@ -223,7 +229,12 @@ def case(size: Vector, factors: Factors) -> Mesh:
     inset = back * (1 - ends) + 0.5 * factors["edge"] * np.maximum(0, 1 - np.minimum(t, 1 - t) / 0.03) ** 2
     outline = rounded_rectangle(half[0], half[2], 0.6 * factors["edge"], 72)
     rings = stack(outline, half[0] - inset, half[2] - inset, size[1] * t)
-    lid = stack(outline, (half[0] - inset[-1] - 0.02) * FIELD[::-1], (half[2] - inset[-1] - 0.02) * FIELD[::-1], np.full(10, size[1] - 0.014))
+    lid = stack(
+        outline,
+        (half[0] - inset[-1] - 0.02) * FIELD[::-1],
+        (half[2] - inset[-1] - 0.02) * FIELD[::-1],
+        np.full(10, size[1] - 0.014),
+    )
     floor = lid[::-1] * [1, 0, 1] + [0, 0.014, 0]
     return fill(capped(np.concatenate([floor, rings, lid])), size)
 
@@ -237,4 +248,6 @@ def disc(size: Vector, factors: Factors) -> Mesh:
     edge = np.linspace(0, 1, 6)
     radius = np.concatenate([np.linspace(0.05, 0.86, 9), [0.9], 0.97 + 0.03 * np.sin(np.pi * edge), 0.97 * s])
     height = np.concatenate([np.full(9, 0.16 * size[1]), [0.0], 0.2 * size[1] * edge, y + ring * s])
-    return fill(capped(stack(superellipse(half[0], half[2], 2, 64), half[0] * radius, half[2] * radius, height)), size)
+    return fill(
+        capped(stack(superellipse(half[0], half[2], 2.0, 64), half[0] * radius, half[2] * radius, height)), size
+    )

@@ -10,7 +10,7 @@ from cagesdf.synthesis import members, slabs, vessels
 from cagesdf.synthesis.chairs import FORWARD, column, disc, leg, rail, wire
 from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut
 from cagesdf.synthesis.recipe import Category, Family, Proportions
-from cagesdf.synthesis.surfaces import laid, rounded_rectangle, superellipse, warped
+from cagesdf.synthesis.surfaces import laid, rounded_rectangle, superellipse
 
 
 def top(size: ndarray, style: Style, power: float = 5.0) -> Mesh:
@@ -20,6 +20,12 @@ def top(size: ndarray, style: Style, power: float = 5.0) -> Mesh:
     else:
         outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.012 + 1.5 * style.factors["edge"], 96)
     return slabs.slab(size, outline, style.kinds["edge"], style.kinds["top"], style.factors)
+
+
+def claw(size: ndarray, style: Style) -> Mesh:
+    """A pedestal's claw: turned, or curved."""
+    kind = "turned" if style.kinds["leg"] == "turned" else "sabre"
+    return members.member(size, members.LEGS[kind], style.factors)
 
 
 def apron(size: ndarray, style: Style) -> Mesh:
@@ -44,8 +50,7 @@ def case(size: ndarray, style: Style) -> Mesh:
 
 def hoop_stretcher(size: ndarray, style: Style) -> Mesh:
     """A ring that lies flat between the legs."""
-    upright = vessels.ring(size[[1, 0, 2]], {**style.factors, "wall": 0.0})
-    return laid(upright)
+    return laid(vessels.ring(size[[1, 0, 2]], 0.0))
 
 
 def arch(size: ndarray, style: Style) -> Mesh:
@@ -55,11 +60,11 @@ def arch(size: ndarray, style: Style) -> Mesh:
 
 def tie(size: ndarray, style: Style) -> Mesh:
     """A plain rod along x."""
-    return warped(laid(wire(size[[1, 0, 2]], style)), lambda x, y, z: (x, y, z))
+    return laid(wire(size[[1, 0, 2]], style))
 
 
 def _top(p: Proportions, power: float = 5.0) -> Draft:
-    cuboid = box(0, p["height"] - p["thick"] / 2, 0, p["width"], p["thick"], p["depth"])
+    cuboid = box(0.0, p["height"] - p["thick"] / 2, 0.0, p["width"], p["thick"], p["depth"])
     return group("tabletop", one("board", cuboid, partial(top, power=power)))
 
 
@@ -67,6 +72,10 @@ def _corner(p: Proportions, y: float) -> ndarray:
     out = p["splay"] * (p["height"] - y)
     x, z = p["width"] / 2 - p["inset"] - p["leg"] / 2, p["depth"] / 2 - p["inset"] - p["leg"] / 2
     return np.array([x + out, y, z + 0.7 * out])
+
+
+def _raised(point: ndarray, by: float) -> ndarray:
+    return point + np.array([0.0, by, 0.0])
 
 
 def _legs(p: Proportions) -> Draft:
@@ -97,32 +106,46 @@ def _leg_table(p: Proportions) -> Draft:
 def _coffee_table(p: Proportions) -> Draft:
     y = 0.32 * p["height"]
     end = _corner(p, y)
-    board = box(0, y, 0, 2 * end[0] + 0.4 * p["leg"], p["shelf"], 2 * end[2] + 0.4 * p["leg"])
+    board = box(0.0, y, 0.0, 2 * end[0] + 0.4 * p["leg"], p["shelf"], 2 * end[2] + 0.4 * p["leg"])
     return group("table", _top(p, 3.2), group("table_base", _legs(p)), group("table_shelf", one("shelf", board, shelf)))
 
 
 def _console(p: Proportions) -> Draft:
-    side = _corner(p, _under(p, p["apron"]))
-    half = side[0] - p["leg"] / 2
-    chest = one("drawer", box(-half / 2, side[1], side[2], 0.98 * half, 0.86 * p["apron"], 0.9 * p["leg"]), drawer)
-    base = group("table_base", _legs(p), _side_aprons(p), _long_apron(p, "back_apron", -1.0))
-    return group("table", _top(p), base, group("drawers", row(chest, np.array([half, 0.0, 0.0]), 2)))
+    """One drawer, on the left; an apron beside it."""
+    corner = _corner(p, _under(p, p["apron"]))
+    x, y, z = corner
+    left, width = -x + p["leg"] / 2, p["share"] * 2 * x
+    chest = box(left + width / 2, y, z, width, 0.86 * p["apron"], 0.9 * p["leg"])
+    beside = bar(np.array([left + width, y, z]), corner, p["apron"], 0.6 * p["leg"])
+    base = group(
+        "table_base", _legs(p), _side_aprons(p), one("front_apron", beside, apron), _long_apron(p, "back_apron", -1.0)
+    )
+    return group("table", _top(p), base, group("drawers", one("drawer", chest, drawer)))
 
 
 def _desk(p: Proportions) -> Draft:
     high = p["height"] - 0.6 * p["thick"]
     x = p["width"] / 2 - p["inset"] - p["cabinet"] / 2
     deep = p["depth"] - 2 * p["inset"]
-    chest = box(x, high / 2, 0, p["cabinet"], high, deep)
+    chest = box(x, high / 2, 0.0, p["cabinet"], high, deep)
     step = 0.86 * high / 3
     face = box(x, 0.08 * high + step / 2, deep / 2, 0.86 * p["cabinet"], 0.9 * step, 0.075)
     limb = strut(_corner(p, 0.0) * [-1, 1, 1], _corner(p, high) * [-1, 1, 1], p["leg"], p["leg"], FORWARD)
     rear = _corner(p, 0.0) * [-1, 1, -1]
-    other = strut(rear, rear + [0, high, 0], p["leg"], p["leg"], -FORWARD)
-    brace = bar(rear + [0, 0.3 * high, 0], rear * [1, 1, -1] + [0, 0.3 * high, 0], 0.6 * p["leg"], 0.6 * p["leg"])
-    modesty = bar(_corner(p, _under(p, p["apron"])) * [-1, 1, -1], np.array([x, _under(p, p["apron"]), rear[2]]), p["apron"], 0.6 * p["leg"])
+    other = strut(rear, _raised(rear, high), p["leg"], p["leg"], -FORWARD)
+    brace = bar(_raised(rear, 0.3 * high), _raised(rear * [1, 1, -1], 0.3 * high), 0.6 * p["leg"], 0.6 * p["leg"])
+    modesty = bar(
+        _corner(p, _under(p, p["apron"])) * [-1, 1, -1],
+        np.array([x, _under(p, p["apron"]), rear[2]]),
+        p["apron"],
+        0.6 * p["leg"],
+    )
     base = group(
-        "table_base", one("leg", limb, leg), one("leg", other, leg), one("stretcher", brace, rail), one("apron", modesty, apron)
+        "table_base",
+        one("leg", limb, leg),
+        one("leg", other, leg),
+        one("stretcher", brace, rail),
+        one("apron", modesty, apron),
     )
     drawers = row(one("drawer", face, drawer), np.array([0.0, step, 0.0]), 3)
     return group("table", _top(p), base, group("cabinet", one("carcass", chest, case), drawers))
@@ -134,8 +157,10 @@ def _trestle_table(p: Proportions) -> Draft:
     high = p["height"] - 0.6 * p["thick"]
     foot = bar(np.array([x, 0.045, reach / 2]), np.array([x, 0.045, -reach / 2]), 0.09, p["leg"])
     head = bar(np.array([x, high - 0.04, 0.42 * reach]), np.array([x, high - 0.04, -0.42 * reach]), 0.08, p["leg"])
-    pillar = box(x, (0.05 + high - 0.04) / 2, 0, 0.9 * p["leg"], high - 0.09, 1.7 * p["leg"])
-    beam = bar(np.array([-x - 0.08, 0.4 * high, 0.0]), np.array([x + 0.08, 0.4 * high, 0.0]), 1.1 * p["leg"], 0.55 * p["leg"])
+    pillar = box(x, (0.05 + high - 0.04) / 2, 0.0, 0.9 * p["leg"], high - 0.09, 1.7 * p["leg"])
+    beam = bar(
+        np.array([-x - 0.08, 0.4 * high, 0.0]), np.array([x + 0.08, 0.4 * high, 0.0]), 1.1 * p["leg"], 0.55 * p["leg"]
+    )
     base = group(
         "table_base",
         pair(one("trestle_foot", foot, arch)),
@@ -166,10 +191,12 @@ def _cross_table(p: Proportions) -> Draft:
 
 def _pedestal_table(p: Proportions) -> Draft:
     low, high = 0.2 * p["height"], p["height"] - 0.5 * p["thick"]
-    stem = box(0, (low + high) / 2, 0, p["stem"], high - low, p["stem"])
+    stem = box(0.0, (low + high) / 2, 0.0, p["stem"], high - low, p["stem"])
     reach = 0.36 * min(p["width"], p["depth"])
-    claw = strut(np.array([0, 0.0, reach]), np.array([0, 0.34 * p["height"], 0.02]), p["leg"], 1.3 * p["leg"], FORWARD)
-    return group("table", _top(p, 2.0), group("table_base", one("column", stem, column), around(one("claw", claw, leg), 3)))
+    limb = strut(np.array([0, 0.0, reach]), np.array([0, 0.34 * p["height"], 0.02]), p["leg"], 1.3 * p["leg"], FORWARD)
+    return group(
+        "table", _top(p, 2.0), group("table_base", one("column", stem, column), around(one("claw", limb, claw), 3))
+    )
 
 
 def _tripod_table(p: Proportions) -> Draft:
@@ -179,16 +206,16 @@ def _tripod_table(p: Proportions) -> Draft:
     limb = strut(foot, np.array([0.0, high, reach]), p["leg"], p["leg"], FORWARD)
     y = 0.36 * p["height"]
     radius = reach + p["splay"] * (p["height"] - y) + 0.35 * p["leg"]
-    ring = box(0, y, 0, 2 * radius, 0.5 * p["leg"], 2 * radius)
+    ring = box(0.0, y, 0.0, 2 * radius, 0.5 * p["leg"], 2 * radius)
     base = group("table_base", around(one("leg", limb, leg), 3), one("ring_stretcher", ring, hoop_stretcher))
     return group("table", _top(p, 2.0), base)
 
 
 def _drum_table(p: Proportions) -> Draft:
-    foot = box(0, 0.5 * p["plinth"], 0, 0.6 * p["width"], p["plinth"], 0.6 * p["depth"])
+    foot = box(0.0, 0.5 * p["plinth"], 0.0, 0.6 * p["width"], p["plinth"], 0.6 * p["depth"])
     low, high = 0.6 * p["plinth"], p["height"] - 0.5 * p["thick"]
-    stem = box(0, (low + high) / 2, 0, p["stem"], high - low, p["stem"])
-    board = box(0, 0.45 * p["height"], 0, 0.62 * p["width"], 0.05, 0.62 * p["depth"])
+    stem = box(0.0, (low + high) / 2, 0.0, p["stem"], high - low, p["stem"])
+    board = box(0.0, 0.45 * p["height"], 0.0, 0.62 * p["width"], 0.05, 0.62 * p["depth"])
     shelf_group = group("table_shelf", one("shelf", board, partial(top, power=2.2)))
     base = group("table_base", one("pedestal_foot", foot, disc), one("column", stem, column))
     return group("table", _top(p, 2.2), base, shelf_group)
@@ -209,9 +236,10 @@ TABLES = Category(
     families={
         "legs": Family(_leg_table, {**COMMON, "apron": (0.09, 0.15)}),
         "coffee": Family(
-            _coffee_table, {**COMMON, "height": (0.38, 0.55), "splay": (0.1, 0.28), "inset": (0.1, 0.15), "shelf": (0.04, 0.06)}
+            _coffee_table,
+            {**COMMON, "height": (0.38, 0.55), "splay": (0.1, 0.28), "inset": (0.1, 0.15), "shelf": (0.04, 0.06)},
         ),
-        "console": Family(_console, {**COMMON, "depth": (0.36, 0.55), "apron": (0.13, 0.2)}),
+        "console": Family(_console, {**COMMON, "depth": (0.36, 0.55), "apron": (0.13, 0.2), "share": (0.35, 0.55)}),
         "desk": Family(_desk, {**COMMON, "cabinet": (0.28, 0.42), "apron": (0.12, 0.2)}),
         "trestle": Family(_trestle_table, COMMON),
         "cross": Family(_cross_table, {**COMMON, "rod": (0.0065, 0.008)}),

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from numpy import ndarray
 
+from cagesdf.cuboid import Cuboid
 from cagesdf.meshes import Mesh
 from cagesdf.synthesis import members, vessels
 from cagesdf.synthesis.layout import Draft, Style, around, box, group, one, pair, strut
@@ -41,7 +42,7 @@ def handle(size: ndarray, style: Style) -> Mesh:
 
 def ring(size: ndarray, style: Style) -> Mesh:
     """A ring handle."""
-    return vessels.ring(size, style.factors)
+    return vessels.ring(size, 0.2 * style.factors["wall"])
 
 
 def lid(size: ndarray, style: Style) -> Mesh:
@@ -61,7 +62,7 @@ def spout(size: ndarray, style: Style) -> Mesh:
 
 def bail(size: ndarray, style: Style) -> Mesh:
     """A wire handle over the mouth."""
-    return vessels.bail(size, style.factors)
+    return vessels.bail(size)
 
 
 def claw(size: ndarray, style: Style) -> Mesh:
@@ -69,13 +70,13 @@ def claw(size: ndarray, style: Style) -> Mesh:
     return members.member(size, members.LEGS["sabre"], {**style.factors, "taper": 0.7, "edge": 0.02})
 
 
-def _round(y: float, height: float, width: float) -> ndarray:
-    return box(0, y + height / 2, 0, width, height, width)
+def _round(y: float, height: float, width: float) -> Cuboid:
+    return box(0.0, y + height / 2, 0.0, width, height, width)
 
 
-def _oval(p: Proportions, y: float, height: float, share: float) -> ndarray:
+def _oval(p: Proportions, y: float, height: float, share: float) -> Cuboid:
     """A cuboid on the axis, `share` of the body's width and depth."""
-    return box(0, y + height / 2, 0, share * p["width"], height, share * p["oval"] * p["width"])
+    return box(0.0, y + height / 2, 0.0, share * p["width"], height, share * p["oval"] * p["width"])
 
 
 def _vessel(p: Proportions, mouth: float) -> tuple[Draft, Draft, float]:
@@ -84,7 +85,7 @@ def _vessel(p: Proportions, mouth: float) -> tuple[Draft, Draft, float]:
     start = 0.7 * base
     spread = p["base"]
     return (
-        one("foot", _oval(p, 0, base, 1.12 * spread), foot),
+        one("foot", _oval(p, 0.0, base, 1.12 * spread), foot),
         one("body", _oval(p, start, p["height"], 1.0), partial(body, foot=0.86 * spread, mouth=mouth)),
         start + p["height"],
     )
@@ -108,13 +109,13 @@ def _side_handle(p: Proportions, low: float, high: float, out_low: float, out_hi
     """A handle on the right, its ends at two heights and distances from the axis."""
     cuboid = strut(np.array([out_low, low, 0.0]), np.array([out_high, high, 0.0]), p["strap"], p["reach"], RIGHT)
     moved = cuboid.centre + cuboid.axes[2] * p["reach"] / 2
-    return one("handle", type(cuboid)(moved, cuboid.axes, cuboid.size), handle)
+    return one("handle", Cuboid(moved, cuboid.axes, cuboid.size), handle)
 
 
 def _grip(p: Proportions, at: float, end: float) -> Draft:
     """A handle from the shoulder to below the lip."""
     return _side_handle(
-        p, at - 0.42 * p["height"], end - 0.25 * p["neck"], 0.34 * p["width"], 0.34 * p["mouth"] * p["width"]
+        p, at - 0.36 * p["height"], end - 0.25 * p["neck"], 0.35 * p["width"], 0.34 * p["mouth"] * p["width"]
     )
 
 
@@ -134,8 +135,14 @@ def _bowl(p: Proportions) -> Draft:
     base, belly, at = _vessel(p, 0.92)
     edge = one("lip", _oval(p, at - 0.6 * p["lip"], p["lip"], 1.04), lip)
     y = at - 0.3 * p["height"] - 0.5 * p["loop"]
-    drop = strut(np.array([0.4 * p["width"], y, 0.0]), np.array([0.52 * p["width"], y + p["loop"], 0.0]), p["strap"], 0.8 * p["loop"], RIGHT)
-    placed = type(drop)(drop.centre + drop.axes[2] * 0.3 * p["loop"], drop.axes, drop.size)
+    drop = strut(
+        np.array([0.4 * p["width"], y, 0.0]),
+        np.array([0.52 * p["width"], y + p["loop"], 0.0]),
+        p["strap"],
+        0.8 * p["loop"],
+        RIGHT,
+    )
+    placed = Cuboid(drop.centre + drop.axes[2] * 0.3 * p["loop"], drop.axes, drop.size)
     return group("vase", base, belly, group("opening", edge), group("handles", pair(one("ring", placed, ring))))
 
 
@@ -146,7 +153,7 @@ def _cover(p: Proportions, at: float, share: float) -> Draft:
 
 
 def _urn(p: Proportions) -> Draft:
-    plinth = one("foot", _oval(p, 0, p["foot"], 1.3 * p["base"]), foot)
+    plinth = one("foot", _oval(p, 0.0, p["foot"], 1.3 * p["base"]), foot)
     stem = one("stem", _oval(p, 0.7 * p["foot"], p["stem"], 0.8 * p["base"]), neck)
     start = 0.7 * p["foot"] + 0.85 * p["stem"]
     belly = one("body", _oval(p, start, p["height"], 1.0), partial(body, foot=0.7 * p["base"], mouth=p["mouth"]))
@@ -159,16 +166,20 @@ def _ewer(p: Proportions) -> Draft:
     high = np.array([-0.33 * p["width"] - 0.5 * p["pour"], at - 0.62 * p["height"] + p["pour"], 0.0])
     tube = one("spout", strut(low, high, 0.3 * p["pour"], 0.4 * p["pour"], -RIGHT), spout)
     grip = _side_handle(p, at - 0.72 * p["height"], at - 0.12 * p["height"], 0.36 * p["width"], 0.3 * p["width"])
-    return group(
-        "vase", base, belly, group("spouts", tube), group("handles", grip), _cover(p, at, 1.08 * p["mouth"])
-    )
+    return group("vase", base, belly, group("spouts", tube), group("handles", grip), _cover(p, at, 1.08 * p["mouth"]))
 
 
 def _tripod(p: Proportions) -> Draft:
     start = 0.6 * p["claw"]
     belly = one("body", _oval(p, start, p["height"], 1.0), partial(body, foot=p["base"], mouth=0.9 * p["mouth"]))
     reach = 0.5 * p["base"] * p["width"] * min(1.0, p["oval"])
-    limb = strut(np.array([0, 0.0, 1.25 * reach]), np.array([0, p["claw"] * 1.25, 0.75 * reach]), p["strap"], 1.3 * p["strap"], FORWARD)
+    limb = strut(
+        np.array([0, 0.0, 1.25 * reach]),
+        np.array([0, p["claw"] * 1.25, 0.75 * reach]),
+        p["strap"],
+        1.3 * p["strap"],
+        FORWARD,
+    )
     tube, rim, _ = _collar(p, start + p["height"])
     return group("vase", group("feet", around(one("claw", limb, claw), 3)), belly, group("opening", tube, rim))
 
@@ -176,14 +187,18 @@ def _tripod(p: Proportions) -> Draft:
 def _pail(p: Proportions) -> Draft:
     base, belly, at = _vessel(p, 0.95)
     edge = one("lip", _oval(p, at - 0.6 * p["lip"], p["lip"], 1.02), lip)
-    wire = box(0, at - 0.5 * p["lip"] + p["arch"] / 2, 0, 0.99 * p["width"], p["arch"], p["wire"])
+    wire = box(
+        0.0, at - 0.5 * p["lip"] + p["arch"] / 2, 0.0, 0.99 * p["width"], p["arch"], p["wire"] * (at + p["arch"])
+    )
     return group("vase", base, belly, group("opening", edge), group("handles", one("bail", wire, bail)))
 
 
 def _gourd(p: Proportions) -> Draft:
     base, belly, at = _vessel(p, 0.55)
     small = p["upper"]
-    upper = one("upper_body", _oval(p, at - 0.12 * small, small, 0.68), partial(body, foot=0.72, mouth=0.9 * p["mouth"] / 0.68))
+    upper = one(
+        "upper_body", _oval(p, at - 0.12 * small, small, 0.68), partial(body, foot=0.72, mouth=0.9 * p["mouth"] / 0.68)
+    )
     tube, rim, _ = _collar(p, at + 0.86 * small)
     return group("vase", base, group("bodies", belly, upper), group("opening", tube, rim))
 
@@ -198,7 +213,7 @@ COMMON = {
     "neck": (0.14, 0.28),
     "lip": (0.035, 0.06),
     "strap": (0.05, 0.085),
-    "reach": (0.13, 0.2),
+    "reach": (0.17, 0.25),
 }
 
 VASES = Category(
@@ -212,10 +227,17 @@ VASES = Category(
         ),
         "ewer": Family(
             _ewer,
-            {**COMMON, "height": (0.4, 0.62), "mouth": (0.4, 0.55), "pour": (0.3, 0.42), "cover": (0.08, 0.14), "knob": (0.07, 0.11)},
+            {
+                **COMMON,
+                "height": (0.4, 0.62),
+                "mouth": (0.4, 0.55),
+                "pour": (0.3, 0.42),
+                "cover": (0.08, 0.14),
+                "knob": (0.07, 0.11),
+            },
         ),
         "tripod": Family(_tripod, {**COMMON, "claw": (0.16, 0.26)}),
-        "pail": Family(_pail, {**COMMON, "height": (0.38, 0.55), "arch": (0.26, 0.42), "wire": (0.006, 0.0078)}),
+        "pail": Family(_pail, {**COMMON, "height": (0.38, 0.55), "arch": (0.26, 0.42), "wire": (0.0055, 0.0085)}),
         "gourd": Family(_gourd, {**COMMON, "height": (0.36, 0.5), "upper": (0.24, 0.36), "neck": (0.1, 0.18)}),
     },
     kinds={
@@ -226,7 +248,7 @@ VASES = Category(
     factors={
         "wall": (0.014, 0.032),
         "flute": (0.0, 0.02),
-        "pitch": (0.05, 0.16),
+        "pitch": (0.08, 0.16),
         "ribs": (1, 7),
         "flare": (0.012, 0.05),
         "belly": (0.36, 0.66),

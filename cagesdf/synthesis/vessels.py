@@ -13,17 +13,20 @@ from cagesdf.meshes import Mesh
 from cagesdf.synthesis.members import Factors
 from cagesdf.synthesis.surfaces import Vector, capped, fill, looped, smooth, stack, superellipse, sweep
 
-AROUND = 64  # points of a ring
-LOBES = (0, 8, 12, 16, 20, 24, 28, 32, 36, 40)  # multiples of four touch the cuboid's four sides
+AROUND = 48  # points of a ring
+AROUND_BODY = 80  # points of a fluted ring: a groove has at least four
+LOBES = (12, 16, 20)  # multiples of four touch the cuboid's four sides
 
 
 def lobed(size: Vector, factors: Factors) -> Float[ndarray, "n 2"]:
-    """A vessel's section: round or oval, fluted at the pitch and to the depth of `flute`."""
-    angle = np.linspace(0, 2 * np.pi, 2 * AROUND + 1)[:-1]
+    """A vessel's section: round or oval, with grooves about a pitch apart and `flute` deep.
+
+    Grooves are narrow and the crests between them wide, so that no turned box is smaller.
+    """
+    angle = np.linspace(0, 2 * np.pi, AROUND_BODY + 1)[:-1]
     count = min(LOBES, key=lambda lobes: abs(lobes - np.pi * (size[0] + size[2]) / 2 / factors["pitch"]))
-    depth = factors["flute"] / (size[0] / 2)
-    radius = 1 - depth * (0.5 - 0.5 * np.cos(count * angle))
-    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    groove = factors["flute"] / (size[0] / 2) * (0.5 - 0.5 * np.cos(count * angle)) ** 3
+    return (1 - groove)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def _ovoid(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
@@ -40,15 +43,16 @@ def _shouldered(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
 
 
 def _baluster(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
-    bulge = np.exp(-(((t - belly) / np.where(t < belly, 0.26, 0.3)) ** 2))
+    bulge = np.exp(-((np.abs(t - belly) / np.where(t < belly, 0.68 * belly, 0.68 * (1 - belly))) ** 4.5))
     line = foot + (mouth - foot) * t
     return line * (1 - bulge) * 0.82 + bulge + 0.18 * line * (1 - bulge)
 
 
 def _carinated(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
-    low = foot + (1 - foot) * np.clip(t / belly, 0, 1) ** 1.15
-    u = np.clip((t - belly) / (1 - belly), 0, 1)
-    return np.where(t < belly, low, mouth + (1 - mouth) * (1 - u) ** 1.5)
+    # The band between the two cones keeps a tilted box from being smaller than the upright one.
+    low = foot + (1 - foot) * np.clip(t / (0.55 * belly), 0, 1) ** 0.9
+    u = np.clip((t - belly) / (1 - belly) * 2.2 - 1.2, 0, 1)
+    return np.where(t < belly, low, mouth + (1 - mouth) * (1 - u) ** 1.2)
 
 
 BODIES = {"ovoid": _ovoid, "shouldered": _shouldered, "baluster": _baluster, "carinated": _carinated}
@@ -61,25 +65,27 @@ def body(size: Vector, kind: str, foot: float, mouth: float, factors: Factors) -
     number of horizontal grooves, `wall` the thickness.
     """
     half = size / 2
-    t = np.concatenate([[0.0], np.linspace(0.004, 1, 38)])
+    t = np.linspace(0, 1, 28)
     radius = BODIES[kind](t, foot, mouth, factors["belly"])
     band = smooth(t, 0.12, 0.3) * (1 - smooth(t, 0.75, 0.95))
     groove = 0.35 * factors["flute"] / half[0] * band * (0.5 - 0.5 * np.cos(2 * np.pi * factors["ribs"] * t))
-    radius = radius / radius.max() - groove * (radius > 0)
+    radius = radius / radius.max() - groove
     fluted = (smooth(t, 0.1, 0.35) * (1 - smooth(t, 0.7, 0.95)))[:, None, None]
-    circle = superellipse(1, 1, 2, 2 * AROUND)
+    circle = superellipse(1.0, 1.0, 2.0, AROUND_BODY)
     outline = fluted * lobed(size, factors) + (1 - fluted) * circle
     outer = stack(outline, half[0] * radius, half[2] * radius, size[1] * t)
+
     wall = min(factors["wall"], 0.25 * half[0], 0.25 * half[2])
-    inner_y = wall + (size[1] - wall) * t[::-1]
-    inner_radius = np.interp(inner_y / size[1], t, radius)
-    inner = stack(circle, *(np.maximum(h * inner_radius - wall - factors["flute"], 0.1 * h) for h in (half[0], half[2])), inner_y)
-    floor = np.array([0.4, 0.75, 0.9])
-    under = stack(circle, *(h * radius[0] * floor for h in (half[0], half[2])), size[1] * np.zeros(3) + [0.01, 0.01, 0.0])
-    inner[0, :, 1] = size[1] - 0.0
-    last = inner[-1] * [1, 0, 1]
-    inside = np.stack([last * s + [0, wall, 0] for s in (0.6, 0.25)])
-    return fill(capped(np.concatenate([under, outer, inner, inside])[:, ::2]), size)
+    high = np.linspace(size[1], wall, 18)
+    room = np.interp(high / size[1], t, radius)
+    thick = wall + factors["flute"] * np.interp(high / size[1], t, fluted[:, 0, 0])
+    inner_x, inner_z = (np.maximum(side * room - thick, 0.1 * side) for side in half[[0, 2]])
+    inner = stack(circle, inner_x, inner_z, high)
+    floor = [inner[-1] * [share, 1, share] for share in (0.6, 0.25)]
+
+    rim = radius[0] * np.array([0.3, 0.7, 0.9])
+    under = stack(circle, half[0] * rim, half[2] * rim, np.array([0.01, 0.01, 0.0]))
+    return fill(capped(np.concatenate([under, outer, inner, floor])), size)
 
 
 def tube(size: Vector, outer: Float[ndarray, " m"], wall: float) -> Mesh:
@@ -88,7 +94,7 @@ def tube(size: Vector, outer: Float[ndarray, " m"], wall: float) -> Mesh:
     t = np.linspace(0, 1, len(outer))
     outer = outer / outer.max()
     wall = min(wall, 0.4 * half[0] * outer.min(), 0.4 * half[2] * outer.min())
-    circle = superellipse(1, 1, 2, AROUND)
+    circle = superellipse(1.0, 1.0, 2.0, AROUND)
     soft = np.minimum(1, np.sqrt(np.minimum(t, 1 - t) / 0.06) * 0.5 + 0.5)
     skins = [
         stack(circle, half[0] * outer - wall * (1 - soft), half[2] * outer - wall * (1 - soft), size[1] * t),
@@ -99,14 +105,16 @@ def tube(size: Vector, outer: Float[ndarray, " m"], wall: float) -> Mesh:
 
 def neck(size: Vector, kind: str, factors: Factors) -> Mesh:
     """A neck that narrows in the middle by `flare` and carries `ribs` rings, or leans in or out."""
-    t = np.linspace(0, 1, 28)
+    t = np.linspace(0, 1, 16)
     narrow = min(factors["flare"] / (size[0] / 2), 0.45)
     outer = {
         "waisted": 1 - narrow * np.sin(np.pi * t),
         "trumpet": 1 - narrow * (1 - t**2.2) * smooth(t, -0.3, 0.25),
         "funnel": 1 - narrow * t**0.8,
     }[kind]
-    ring = 0.06 * (0.5 - 0.5 * np.cos(2 * np.pi * factors["ribs"] * t)) * smooth(t, 0.1, 0.3) * (1 - smooth(t, 0.7, 0.9))
+    ring = (
+        0.06 * (0.5 - 0.5 * np.cos(2 * np.pi * factors["ribs"] * t)) * smooth(t, 0.1, 0.3) * (1 - smooth(t, 0.7, 0.9))
+    )
     return tube(size, outer - ring, factors["wall"])
 
 
@@ -130,7 +138,7 @@ def foot(size: Vector, kind: str, factors: Factors) -> Mesh:
         "ovoid": 1 - 0.32 * smooth(t, 0.1, 0.9),
         "shouldered": 1 - 0.14 * smooth(t, 0.3, 0.36) - 0.14 * smooth(t, 0.64, 0.7),
         "baluster": 1 - 0.42 * np.sin(np.pi / 2 * np.clip(t * 1.2, 0, 1)) + 0.2 * t**4,
-        "carinated": 1 - 0.3 * np.sin(np.pi * t) ** 0.8,
+        "carinated": 1 - 0.36 * np.sin(0.78 * np.pi * t) ** 0.8,
     }[kind]
     outer[:2] -= [0.02, 0.004]
     hollow = min(0.5 * size[1], 0.03)
@@ -138,7 +146,7 @@ def foot(size: Vector, kind: str, factors: Factors) -> Mesh:
     scale = np.concatenate([inside, outer, outer[-1] * np.array([0.75, 0.4, 0.1])])
     y = np.concatenate([[hollow, hollow, hollow, 0.0], size[1] * t, np.full(3, size[1])])
     y[-3:] -= 0.15 * size[1]
-    return fill(capped(stack(superellipse(1, 1, 2, AROUND), half[0] * scale, half[2] * scale, y)), size)
+    return fill(capped(stack(superellipse(1.0, 1.0, 2.0, AROUND), half[0] * scale, half[2] * scale, y)), size)
 
 
 def handle(size: Vector, kind: str, factors: Factors) -> Mesh:
@@ -158,13 +166,13 @@ def handle(size: Vector, kind: str, factors: Factors) -> Mesh:
     return fill(capped(rings), size)
 
 
-def ring(size: Vector, factors: Factors) -> Mesh:
-    """A ring in the yz plane, thicker below: a bowl's drop handle, or a stretcher laid flat."""
+def ring(size: Vector, extra: float) -> Mesh:
+    """A ring in the yz plane, thicker below and by `extra`: a bowl's handle, or a stretcher laid flat."""
     angle = np.linspace(0, 2 * np.pi, 49)[:-1]
-    thick = min(0.45 * size[0] + 0.2 * factors["wall"], 0.14 * size[1], 0.14 * size[2])
+    thick = min(0.45 * size[0] + extra, 0.14 * size[1], 0.14 * size[2])
     y, z = (size[1] / 2 - thick) * np.sin(angle), (size[2] / 2 - thick) * np.cos(angle)
     across = thick * (0.85 - 0.15 * np.sin(angle))
-    section = superellipse(size[0] / 2, thick, 2, 16)
+    section = superellipse(size[0] / 2, thick, 2.0, 16)
     normal = np.stack([np.sin(angle), np.cos(angle)], axis=1)
     plane = np.stack([y, z], axis=1)[:, None] + across[:, None, None] * section[None, :, 1:] * normal[:, None]
     x = np.broadcast_to(size[0] / 2 * section[:, 0], plane.shape[:2])
@@ -182,7 +190,7 @@ def lid(size: Vector, kind: str, factors: Factors) -> Mesh:
     below = size[1] * (0.18 + 0.82 * (1 - under**power)) - wall
     scale = np.concatenate([under * (1 - wall / half[0]), [0.985, 1.0], s * 0.985])
     height = np.concatenate([below.clip(0) * (under < 0.97), [0.0, 0.1 * size[1]], size[1] * y])
-    return fill(capped(stack(superellipse(1, 1, 2, AROUND), half[0] * scale, half[2] * scale, height)), size)
+    return fill(capped(stack(superellipse(1.0, 1.0, 2.0, AROUND), half[0] * scale, half[2] * scale, height)), size)
 
 
 def knob(size: Vector, kind: str, factors: Factors) -> Mesh:
@@ -190,9 +198,11 @@ def knob(size: Vector, kind: str, factors: Factors) -> Mesh:
     t = np.linspace(0, 1, 30)
     bulb = {"ovoid": 0.62, "shouldered": 0.72, "baluster": 0.5, "carinated": 0.66}[kind]
     wide = np.sqrt(np.clip(1 - ((t - bulb) / np.where(t < bulb, 0.34, 1 - bulb)) ** 2, 0, 1))
-    stem = 0.42 + 0.2 * (1 - smooth(t, 0, 0.25))
+    stem = 0.42 + 0.2 * (1 - smooth(t, 0.0, 0.25))
     scale = np.where(t < bulb, np.maximum(wide, stem), wide).clip(0.06)
-    return fill(capped(stack(superellipse(1, 1, 2, 40), size[0] / 2 * scale, size[2] / 2 * scale, size[1] * t)), size)
+    return fill(
+        capped(stack(superellipse(1.0, 1.0, 2.0, 40), size[0] / 2 * scale, size[2] / 2 * scale, size[1] * t)), size
+    )
 
 
 def spout(size: Vector, factors: Factors) -> Mesh:
@@ -201,7 +211,7 @@ def spout(size: Vector, factors: Factors) -> Mesh:
     radius = 1 - 0.55 * smooth(t, 0.0, 0.8) + 0.12 * smooth(t, 0.85, 1.0)
     half = size / 2
     wall = min(factors["wall"], 0.16 * half[0])
-    circle = superellipse(1, 1, 2, 32)
+    circle = superellipse(1.0, 1.0, 2.0, 32)
     outer = stack(circle, half[0] * radius, half[2] * radius, size[1] * t)
     inner = stack(circle, half[0] * radius - wall, half[2] * radius - wall, size[1] * t)
     for skin in (outer, inner):
@@ -209,11 +219,11 @@ def spout(size: Vector, factors: Factors) -> Mesh:
     return fill(looped(np.concatenate([outer, inner[::-1]])), size)
 
 
-def bail(size: Vector, factors: Factors) -> Mesh:
+def bail(size: Vector) -> Mesh:
     """A pail's wire: an arch in the local xy plane, open below."""
     width, height, depth = size
     angle = np.linspace(0, np.pi, 56)
     wire = depth / 2
     path = np.stack([height * np.sin(angle) ** 0.9, (width / 2 - wire) * np.cos(angle)], axis=1)
-    rings = sweep(path, superellipse(1, 1, 2, 12), np.full(56, wire), wire)
+    rings = sweep(path, superellipse(1.0, 1.0, 2.0, 12), np.full(56, wire), wire)
     return fill(capped(rings[..., [2, 1, 0]]), size)

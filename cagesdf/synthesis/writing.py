@@ -1,11 +1,11 @@
 """Procedural shapes on disk, in the layout of the real data sets: PartNet folders, StructureNet hierarchies.
 
-    <shape_id>/objs/original-<n>.obj     one mesh a part
-    <shape_id>/result_after_merging.json the part tree; a node's id is its place in preorder
-    <shape_id>/meta.json
-    <shape_id>/recipe.json               what the shape was made from, and which parts are defective
-    <category>_hier/<shape_id>.json      the hierarchy with boxes and relations
-    train.txt, val.txt                   one id a line
+<shape_id>/objs/original-<n>.obj     one mesh a part
+<shape_id>/result_after_merging.json the part tree; a node's id is its place in preorder
+<shape_id>/meta.json
+<shape_id>/recipe.json               what the shape was made from, and which parts are defective
+<category>_hier/<shape_id>.json      the hierarchy with boxes and relations
+train.txt, val.txt                   one id a line
 """
 
 import json
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cagesdf.meshes import Mesh
-from cagesdf.structure.hierarchy import Node, PartHierarchy
+from cagesdf.structure.hierarchy import Node
 from cagesdf.synthesis.dataset import build, draw
 from cagesdf.synthesis.recipe import Recipe
 

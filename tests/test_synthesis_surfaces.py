@@ -1,0 +1,159 @@
+"""Surfaces of procedural parts: closed, in their cuboid, and unlike each other."""
+
+import numpy as np
+import pytest
+
+from cagesdf.fitting import fit_cuboid
+from cagesdf.meshes import is_closed, signed_volume
+from cagesdf.solid import as_manifold
+from cagesdf.synthesis import members, slabs, vessels
+from cagesdf.synthesis.surfaces import capped, fill, looped, rounded_rectangle, stack, superellipse
+
+FURNITURE = {"edge": 0.015, "turnings": 4.0, "pitch": 0.06, "bend": 0.03, "dish": 0.02, "taper": 0.6}
+VESSEL = {"wall": 0.02, "flute": 0.01, "pitch": 0.1, "ribs": 3.0, "flare": 0.03, "belly": 0.5}
+LONG, LYING, FLAT, STANDING = (
+    np.array(s) for s in ([0.07, 0.5, 0.08], [0.5, 0.07, 0.08], [0.5, 0.07, 0.45], [0.4, 0.45, 0.09])
+)
+TALL = np.array([0.5, 0.6, 0.45])
+
+
+def outline(size: np.ndarray) -> np.ndarray:
+    return rounded_rectangle(size[0] / 2, size[2] / 2, 0.03, 64)
+
+
+# name → (size, function of size)
+SURFACES = {
+    **{f"leg {k}": (LONG, lambda s, p=p: members.member(s, p, FURNITURE)) for k, p in members.LEGS.items()},
+    **{f"post {k}": (LONG, lambda s, p=p: members.member(s, p, FURNITURE)) for k, p in members.POSTS.items()},
+    **{f"rail {k}": (LYING, lambda s, p=p: members.rail(s, p, FURNITURE)) for k, p in members.RAILS.items()},
+    **{f"apron {k}": (LYING, lambda s, k=k: members.apron(s, k, FURNITURE)) for k in ("arched", "waved")},
+    **{f"column {k}": (TALL, lambda s, k=k: members.column(s, k, FURNITURE)) for k in ("turned", "square")},
+    "hoop": (np.array([0.05, 0.25, 0.4]), lambda s: members.hoop(s, FURNITURE)),
+    **{
+        f"slab {e} {t}": (FLAT, lambda s, e=e, t=t: slabs.slab(s, outline(s), e, t, FURNITURE))
+        for e in slabs.EDGES
+        for t in slabs.TOPS
+    },
+    "cushion": (FLAT, lambda s: slabs.cushion(s, FURNITURE)),
+    **{
+        f"panel {k}": (STANDING, lambda s, k=k: slabs.panel(s, k, FURNITURE))
+        for k in ("bent", "pierced", "slatted", "cushioned")
+    },
+    **{
+        f"splat {k}": (np.array([0.2, 0.5, 0.08]), lambda s, k=k: slabs.splat(s, k, FURNITURE))
+        for k in ("bent", "pierced")
+    },
+    **{f"slat {k}": (LYING, lambda s, k=k: slabs.slat(s, k, FURNITURE)) for k in ("bent", "pierced", "slatted")},
+    "grid": (FLAT, lambda s: slabs.grid(s, FURNITURE)),
+    "front": (np.array([0.3, 0.15, 0.08]), lambda s: slabs.front(s, "round", FURNITURE)),
+    "case": (TALL, lambda s: slabs.case(s, FURNITURE)),
+    "disc": (FLAT, lambda s: slabs.disc(s, FURNITURE)),
+    **{f"body {k}": (TALL, lambda s, k=k: vessels.body(s, k, 0.5, 0.4, VESSEL)) for k in vessels.BODIES},
+    **{f"neck {k}": (TALL / 3, lambda s, k=k: vessels.neck(s, k, VESSEL)) for k in ("waisted", "trumpet", "funnel")},
+    **{f"lip {k}": (FLAT / 2, lambda s, k=k: vessels.lip(s, k, VESSEL)) for k in ("waisted", "trumpet", "funnel")},
+    **{f"foot {k}": (FLAT / 2, lambda s, k=k: vessels.foot(s, k, VESSEL)) for k in vessels.BODIES},
+    **{f"lid {k}": (FLAT, lambda s, k=k: vessels.lid(s, k, VESSEL)) for k in vessels.BODIES},
+    **{f"knob {k}": (TALL / 6, lambda s, k=k: vessels.knob(s, k, VESSEL)) for k in vessels.BODIES},
+    **{
+        f"handle {k}": (np.array([0.06, 0.3, 0.2]), lambda s, k=k: vessels.handle(s, k, VESSEL))
+        for k in ("ear", "strap", "curl")
+    },
+    "ring": (np.array([0.06, 0.2, 0.15]), lambda s: vessels.ring(s, 0.0)),
+    "spout": (np.array([0.1, 0.3, 0.14]), lambda s: vessels.spout(s, VESSEL)),
+    "bail": (np.array([0.5, 0.3, 0.008]), lambda s: vessels.bail(s)),
+}
+HANDLES = {
+    "panel pierced": 2,
+    "panel slatted": 2,
+    "splat pierced": 1,
+    "grid": 2,
+    "ring": 1,
+    "spout": 1,
+    "neck funnel": 1,
+    "lip funnel": 1,
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_is_closed_faces_outwards_and_touches_all_faces_of_its_cuboid(name: str) -> None:
+    size, make = SURFACES[name]
+    mesh = make(size)
+    assert is_closed(mesh)
+    assert signed_volume(mesh) > 0
+    assert mesh.vertices.max(0) == pytest.approx(size / 2, abs=1e-12)
+    assert mesh.vertices.min(0) == pytest.approx(-size / 2, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_is_one_solid_with_the_handles_it_shows(name: str) -> None:
+    size, make = SURFACES[name]
+    solid = as_manifold(make(size))
+    assert len(solid.decompose()) == 1
+    assert solid.genus() >= HANDLES.get(name, 0)
+    assert (solid.genus() > 0) == (name in HANDLES or name.startswith(("neck", "lip")))
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_is_its_own_mirror_image_in_local_x(name: str) -> None:
+    """So that mirrored parts need no other surface: both halves hold the same volume."""
+    size, make = SURFACES[name]
+    solid = as_manifold(make(size))
+    right, left = solid.split_by_plane((1.0, 0.0, 0.0), 0.0)
+    assert right.volume() == pytest.approx(left.volume(), rel=2e-3)
+
+
+@pytest.mark.parametrize("name", [name for name in SURFACES if not name.startswith("body")])
+def test_the_smallest_box_around_a_surface_is_its_cuboid(name: str) -> None:
+    size, make = SURFACES[name]
+    box = fit_cuboid(make(size).vertices, slack=0.01, min_size=1e-4)
+    assert box.size.prod() == pytest.approx(size.prod(), rel=0.04)
+
+
+def test_a_turned_leg_has_as_many_beads_as_it_is_told() -> None:
+    for count in (3, 6):
+        mesh = members.member(
+            np.array([0.1, 0.9, 0.1]), members.LEGS["turned"], {**FURNITURE, "turnings": float(count)}
+        )
+        axis = mesh.vertices[:-2].reshape(-1, members.SIDES, 3)
+        radius = np.linalg.norm(axis[:, :, [0, 2]], axis=2).mean(1)[axis[:, 0, 1] < 0.26]
+        peaks = (radius[1:-1] > radius[:-2]) & (radius[1:-1] >= radius[2:])
+        assert peaks.sum() == count
+
+
+def test_slots_keep_their_pitch_when_the_cuboid_grows() -> None:
+    """A wider back has more slots, not wider ones: style is not affine in the cuboid."""
+    narrow, wide = (
+        as_manifold(slabs.panel(np.array([w, 0.45, 0.06]), "slatted", FURNITURE)).genus() for w in (0.35, 0.65)
+    )
+    assert wide - narrow == round(0.3 / FURNITURE["pitch"])
+
+
+def test_a_vessels_wall_keeps_its_thickness_when_the_cuboid_grows() -> None:
+    for scale in (0.7, 1.4):
+        size = scale * TALL
+        solid = as_manifold(vessels.body(size, "ovoid", 0.5, 0.5, {**VESSEL, "flute": 0.0, "ribs": 0.0}))
+        at_belly = solid.rotate((90.0, 0.0, 0.0)).slice(0.0)
+        rings = sorted(np.abs(polygon[:, 0]).max() for polygon in at_belly.to_polygons())
+        assert rings[1] - rings[0] == pytest.approx(VESSEL["wall"], rel=0.15)
+
+
+def test_outlines_touch_their_rectangle_and_have_evenly_spaced_points() -> None:
+    for points in (superellipse(0.6, 0.3, 4.0, 64), rounded_rectangle(0.6, 0.3, 0.05, 64)):
+        assert np.abs(points).max(0) == pytest.approx([1, 1])
+        steps = np.linalg.norm(np.diff(points * [0.6, 0.3], axis=0), axis=1)
+        assert steps.max() / steps.min() < 1.5
+
+
+def test_capped_rings_are_a_ball_and_looped_rings_a_torus() -> None:
+    circle = superellipse(1.0, 1.0, 2.0, 16)
+    half, up = np.array([0.5, 1.0, 1.0, 0.5]), np.array([0.0, 0.0, 1.0, 1.0])
+    assert as_manifold(capped(stack(circle, half, half, up))).genus() == 0
+    assert as_manifold(looped(stack(circle, half, half, up))).genus() == 1
+
+
+def test_fill_stretches_to_the_cuboid_and_leaves_faces_alone() -> None:
+    circle = superellipse(1.0, 1.0, 2.0, 16)
+    mesh = capped(stack(circle, np.ones(2), np.ones(2), np.array([3.0, 4.0])))
+    filled = fill(mesh, np.array([1.0, 2.0, 3.0]))
+    assert np.ptp(filled.vertices, axis=0) == pytest.approx([1, 2, 3])
+    assert (filled.faces == mesh.faces).all()
