@@ -41,7 +41,12 @@ def draw(seed: int, ids: Iterable[str], count: int) -> list[str]:
 def progress(items: Iterable[Item], total: int, label: str) -> "tqdm[Item]":
     """`items` with a progress bar on standard error; at most two lines a minute where that is no terminal."""
     return tqdm(
-        items, total=total, desc=label, file=sys.stderr, mininterval=0.5 if sys.stderr.isatty() else 30, dynamic_ncols=True
+        items,
+        total=total,
+        desc=label,
+        file=sys.stderr,
+        mininterval=0.5 if sys.stderr.isatty() else 30,
+        dynamic_ncols=True,
     )
 
 

@@ -209,7 +209,9 @@ def check(path: Path) -> dict[str, Params]:
             return None
 
     known = {*SECTIONS, "arms", "run", "format"}
-    problems += [f"{name}: unknown section; there are {', '.join(sorted(known))}" for name in content if name not in known]
+    problems += [
+        f"{name}: unknown section; there are {', '.join(sorted(known))}" for name in content if name not in known
+    ]
     problems += [f"{name}: section missing" for name in sorted(known) if name not in content]
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))

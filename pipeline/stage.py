@@ -20,7 +20,8 @@ def run_stage(main: Callable[..., None]) -> None:
     """
     file = Path(inspect.getfile(main))
     parser = argparse.ArgumentParser(
-        prog=f"python -m stages.{file.stem}", description=sys.modules[main.__module__].__doc__,
+        prog=f"python -m stages.{file.stem}",
+        description=sys.modules[main.__module__].__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     types = {name: item.annotation for name, item in inspect.signature(main).parameters.items() if name != "params"}

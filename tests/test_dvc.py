@@ -43,11 +43,7 @@ def followed(path: Path) -> set[Path]:
 
 
 def listed(stage: str) -> set[Path]:
-    return {
-        ROOT / dep.removeprefix("${run.code}/")
-        for dep in GRAPH[stage]["deps"]
-        if dep.startswith("${run.code}/")
-    }
+    return {ROOT / dep.removeprefix("${run.code}/") for dep in GRAPH[stage]["deps"] if dep.startswith("${run.code}/")}
 
 
 @pytest.mark.parametrize("stage", STAGES)

@@ -47,7 +47,7 @@ def test_the_pipeline_runs_then_is_up_to_date_then_reruns_only_what_depends_on_a
     assert tables["table2"]["chair"]["cagesdf"]["surface_distance"]["n"] == 2
     page = (folder / "data/report/index.html").read_text(encoding="utf-8")
     assert "chair" in page
-    assert not [path for path in folder.rglob("*.partial")]
+    assert not list(folder.rglob("*.partial"))
 
     assert "Data and pipelines are up to date" in repro(folder)
 

@@ -55,7 +55,7 @@ def test_no_items_give_no_results() -> None:
 
 def test_a_wrong_number_of_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_WORKERS", "two")
-    with pytest.raises(ValueError, match="CAGESDF_WORKERS.*'two'"):
+    with pytest.raises(ValueError, match=r"CAGESDF_WORKERS.*'two'"):
         workers()
 
 

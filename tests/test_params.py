@@ -57,7 +57,7 @@ def test_the_schema_has_no_defaults(tmp_path: Path, content: dict) -> None:
 
 def test_unknown_and_missing_sections_are_named(tmp_path: Path, content: dict) -> None:
     content["fit_cuboid"] = content.pop("fit_cuboids")
-    with pytest.raises(ParamsError, match="fit_cuboid: unknown section.*fit_cuboids: section missing"):
+    with pytest.raises(ParamsError, match=r"fit_cuboid: unknown section.*fit_cuboids: section missing"):
         check(written(tmp_path, content))
 
 

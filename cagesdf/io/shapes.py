@@ -1,7 +1,7 @@
 """`shapes/`: closed part meshes, structures and similarities.
 
-    shapes.parquet   one row a shape
-    parts.parquet    one row a part, one row group a shape, in the order of shapes.parquet
+shapes.parquet   one row a shape
+parts.parquet    one row a part, one row group a shape, in the order of shapes.parquet
 """
 
 from collections.abc import Iterable, Iterator

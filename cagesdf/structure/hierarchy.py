@@ -178,9 +178,9 @@ def _read_box(box: Any, path: str) -> Cuboid | None:
         raise InputError(f"hierarchy node {path or 'root'}: box needs 12 finite numbers, got {str(box)[:60]}")
     x, y = numbers[6:9], numbers[9:12]
     # Published axes are rounded: straighten them before they count as a rotation.
-    x = x / max(np.linalg.norm(x), 1e-12)
+    x = x / max(float(np.linalg.norm(x)), 1e-12)
     y = y - x * (x @ y)
-    y = y / max(np.linalg.norm(y), 1e-12)
+    y = y / max(float(np.linalg.norm(y)), 1e-12)
     return Cuboid(numbers[:3], np.stack([x, y, np.cross(x, y)]), np.abs(numbers[3:6]))
 
 

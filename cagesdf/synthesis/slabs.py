@@ -207,7 +207,7 @@ def grid(size: Vector, factors: Factors) -> Mesh:
 def front(size: Vector, kind: str, factors: Factors) -> Mesh:
     """A drawer's front, its field sunk, with a turned knob that reaches the cuboid's front."""
     width, height, depth = size
-    plate = 0.6 * depth
+    plate = 0.74 * depth  # with a longer knob a tilted box would be smaller
     outline = rounded_rectangle(width / 2, height / 2, factors["edge"], 64)
     board = stood(slab(np.array([width, plate, height]), outline, "bevelled", "sunk", factors))
     t = np.linspace(0, 1, 16)
