@@ -1,0 +1,49 @@
+"""How far the default run's figures depend on the training seed.
+
+    python benchmarks/training_seeds.py chair 4 5 6
+
+trains, extracts and measures every arm of `params.yaml` with each seed, on the data of `make repro`, and prints a
+Markdown table: surface_distance (% of the longest side), mean and standard deviation over the seeds.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+from statistics import mean, stdev
+
+from cagesdf.evaluation.tables import gather_tables
+from cagesdf.io.scores import read_scores
+from pipeline import load
+from stages import evaluate, extract_meshes, train
+
+ARMS = ("cagesdf", "cagesdf_global", "cagesdf_noaug", "cagesdf_global_noaug", "deepsdf", "deepsdf_sine")
+METRICS = ("surface_distance", "surface_distance_detail")
+
+
+def measured(category: str, arm: str, seed: int, work: Path) -> dict:
+    """Tables 1 and 2 of one arm, trained with one seed."""
+    points, shapes, sequences = (Path("data") / kind / category for kind in ("points", "shapes", "sequences"))
+    run, meshes, scores = (work / kind / str(seed) / arm for kind in ("runs", "meshes", "scores"))
+    train.main(points, shapes, sequences, run, load(f"arms.{arm}").model_copy(update={"seed": seed}))
+    extract_meshes.main(run, meshes, load("extract_meshes"))
+    evaluate.main(meshes, shapes, sequences, scores, load("evaluate"))
+    return gather_tables({category: [read_scores(scores)]})
+
+
+def main(category: str, seeds: list[int]) -> None:
+    lines = ["| arm | source | source, detail | held-out | held-out, detail |", "|---|---|---|---|---|"]
+    with tempfile.TemporaryDirectory() as work:
+        for arm in ARMS:
+            results = [measured(category, arm, seed, Path(work)) for seed in seeds]
+            cells = []
+            for table in ("table1", "table2"):
+                for metric in METRICS:
+                    figures = [result[table].get(category, {}).get(arm, {}).get(metric) for result in results]
+                    values = [figure["mean"] for figure in figures if figure]
+                    cells.append(f"{mean(values):.3f} ± {stdev(values):.3f}" if len(values) > 1 else "–")
+            lines.append(f"| `{arm}` | {' | '.join(cells)} |")
+            print("\n".join(lines), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], [int(seed) for seed in sys.argv[2:]])
