@@ -1,4 +1,4 @@
-"""One thin file per stage, in the order of the pipeline."""
+"""The stages, one thin file each. `dvc.yaml` says where their files lie."""
 
 import os
 
