@@ -3,7 +3,8 @@
     python benchmarks/training_seeds.py chair 4 5 6
 
 trains, extracts and measures every arm of `params.yaml` with each seed, on the data of `make repro`, and prints a
-Markdown table: surface_distance (% of the longest side), mean and standard deviation over the seeds.
+Markdown table: surface_distance (% of the longest side), mean, standard deviation and each figure over the
+seeds.
 """
 
 import sys
@@ -40,7 +41,8 @@ def main(category: str, seeds: list[int]) -> None:
                 for metric in METRICS:
                     figures = [result[table].get(category, {}).get(arm, {}).get(metric) for result in results]
                     values = [figure["mean"] for figure in figures if figure]
-                    cells.append(f"{mean(values):.3f} ± {stdev(values):.3f}" if len(values) > 1 else "–")
+                    each = ", ".join(f"{value:.3f}" for value in values)
+                    cells.append(f"{mean(values):.3f} ± {stdev(values):.3f} ({each})" if len(values) > 1 else "–")
             lines.append(f"| `{arm}` | {' | '.join(cells)} |")
             print("\n".join(lines), flush=True)
 
