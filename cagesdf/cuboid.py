@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
+from cagesdf.frames import Similarity
+
 # Corners of [-½, ½]³ in the order used everywhere: x slowest, z fastest.
 CORNER_ORDER = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
@@ -37,6 +39,11 @@ class Cuboid:
     def permuted(self, permutation: Float[ndarray, "3 3"]) -> "Cuboid":
         """The same box with its axes renamed by one of PROPER_PERMUTATIONS."""
         return Cuboid(self.centre, permutation @ self.axes, np.abs(permutation) @ self.size)
+
+    def transformed(self, similarity: Similarity) -> "Cuboid":
+        """The box taken through a similarity."""
+        centre = similarity.to_canonical(self.centre[None])[0]
+        return Cuboid(centre, self.axes @ similarity.rotation.T, self.size * similarity.scale)
 
     def nearest_to(self, axes: Float[ndarray, "3 3"]) -> "Cuboid":
         """The same box, its axes renamed to be as near as possible to `axes` (largest trace).
@@ -72,6 +79,10 @@ class Cage:
         """Undo `vectors`."""
         values = np.asarray(vectors, dtype=np.float64)
         return Cage(part_ids, values[:, :3], values[:, 3:12].reshape(-1, 3, 3), values[:, 12:15])
+
+    def transformed(self, similarity: Similarity) -> "Cage":
+        """All cuboids taken through a similarity."""
+        return Cage.of({part_id: cuboid.transformed(similarity) for part_id, cuboid in self.cuboids().items()})
 
     def __len__(self) -> int:
         return len(self.part_ids)

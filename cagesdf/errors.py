@@ -1,4 +1,4 @@
-"""The one exception that means "this shape can't be used"; anything else stops the stage."""
+"""The exceptions: a shape that can't be used, and input that is not as it must be."""
 
 
 class ShapeRejected(Exception):
@@ -25,3 +25,18 @@ class InputError(ValueError):
     The message is for the person at the keyboard: what came, what was wanted, which item,
     and what to do. It ends a stage or a command.
     """
+
+
+class ProgramError(InputError):
+    """A ShapeAssembly program that can't be read or executed."""
+
+    def __init__(self, source: str, line: int, text: str, wanted: str) -> None:
+        super().__init__(source, line, text, wanted)
+        self.source = source  # file name, or what else it came from
+        self.line = line  # from 1; 0 where it is no single line
+        self.text = text  # of the line
+        self.wanted = wanted
+
+    def __str__(self) -> str:
+        where = f"{self.source}, line {self.line}" if self.line else self.source
+        return f"{where}: {self.text}: {self.wanted}" if self.text else f"{where}: {self.wanted}"

@@ -45,6 +45,11 @@ class Similarity:
         """Map canonical points back into the user's frame; undoes `to_canonical`."""
         return ((points - self.translation) / self.scale) @ self.rotation
 
+    def then(self, other: "Similarity") -> "Similarity":
+        """This similarity, followed by another that starts from its canonical frame."""
+        translation = other.to_canonical(self.translation[None])[0]
+        return Similarity(self.scale * other.scale, other.rotation @ self.rotation, translation)
+
     def to_numbers(self) -> list[float]:
         """Thirteen numbers: scale, rotation by rows, translation."""
         return [float(self.scale), *map(float, self.rotation.ravel()), *map(float, self.translation)]

@@ -1,17 +1,12 @@
 """From a shape as its files give it to closed parts in the canonical frame."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import Similarity, canonical_similarity
 from cagesdf.meshes import signed_volume
 from cagesdf.shape import Part, RawPart, RawShape, Repair, Shape
 from cagesdf.solid import METHODS, NotSolidError, make_solid
-from cagesdf.structure.hierarchy import Node, PartHierarchy
-from cagesdf.structure.relations import Adjacency, Reflection, Relation, Rotation, Translation, Vector
 
 STAGE = "import_shapes"
 SHOWN = 20  # rejected shapes that the summary lists
@@ -42,7 +37,7 @@ def import_shape(raw: RawShape, up: str, weld: float, max_faces: int, max_parts:
     except InputError as error:
         raise ShapeRejected(raw.shape_id, STAGE, str(error)) from error
     parts = tuple(_import_part(raw, part, similarity, weld, min_thickness) for part in raw.parts)
-    return Shape(raw.shape_id, raw.split, parts, to_canonical(raw.structure, similarity), similarity)
+    return Shape(raw.shape_id, raw.split, parts, raw.structure.transformed(similarity), similarity)
 
 
 def _import_part(raw: RawShape, part: RawPart, similarity: Similarity, weld: float, min_thickness: float) -> Part:
@@ -58,42 +53,6 @@ def _import_part(raw: RawShape, part: RawPart, similarity: Similarity, weld: flo
 def _rejected(raw: RawShape, part: RawPart, reason: str) -> ShapeRejected:
     name = part.part_id + (f" ({part.label})" if part.label not in ("", part.part_id) else "")
     return ShapeRejected(raw.shape_id, STAGE, f"part {name} {reason}")
-
-
-def to_canonical(structure: PartHierarchy, similarity: Similarity) -> PartHierarchy:
-    """A hierarchy whose boxes and relations are in the raw frame, brought into the canonical one."""
-
-    def point(raw: Vector) -> Vector:
-        return _vector(similarity.to_canonical(np.array([raw]))[0])
-
-    def direction(raw: Vector) -> Vector:
-        return _vector(similarity.rotation @ raw)
-
-    def move(relation: Relation) -> Relation:
-        match relation:
-            case Adjacency():
-                return replace(relation, distance=relation.distance * similarity.scale)
-            case Reflection():
-                return replace(relation, point=point(relation.point), normal=direction(relation.normal))
-            case Translation():
-                return replace(relation, offset=_vector(similarity.scale * similarity.rotation @ relation.offset))
-            case Rotation():
-                return replace(relation, pivot=point(relation.pivot), axis=direction(relation.axis))
-
-    def renew(node: Node) -> Node:
-        cuboid = node.cuboid
-        if cuboid is not None:
-            centre = similarity.to_canonical(cuboid.centre[None])[0]
-            cuboid = Cuboid(centre, cuboid.axes @ similarity.rotation.T, cuboid.size * similarity.scale)
-        children = tuple(renew(child) for child in node.children)
-        return Node(node.node_id, node.label, children, tuple(map(move, node.relations)), cuboid)
-
-    return PartHierarchy(renew(structure.tree))
-
-
-def _vector(values: np.ndarray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
 
 
 def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:

@@ -16,7 +16,7 @@ ALLOWED = {
     "meshes": {"errors"},
     "solid": {"errors", "meshes", "cuboid"},
     "distance": {"errors", "meshes"},
-    "structure": {"errors", "cuboid"},
+    "structure": {"errors", "frames", "cuboid"},
     "shape": {"frames", "meshes", "structure"},
     "formats": RECORDS,
     "importing": RECORDS | SOLIDS,

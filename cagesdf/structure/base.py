@@ -1,10 +1,13 @@
 """What a stage may ask of a structure, whatever holds the parts together."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from typing import TYPE_CHECKING, Self
 
-from cagesdf.cuboid import Cuboid
+from cagesdf.frames import Similarity
 from cagesdf.structure.relations import Relation
+
+if TYPE_CHECKING:
+    from cagesdf.structure.assembly import Assembly
 
 
 class Structure(ABC):
@@ -27,8 +30,12 @@ class Structure(ABC):
         """Attachments and symmetries between siblings."""
 
     @abstractmethod
-    def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "Structure":
-        """The same structure with new cuboids for its parts."""
+    def transformed(self, similarity: Similarity) -> Self:
+        """The same structure, whatever lengths and places it holds taken through a similarity."""
+
+    def assembly(self) -> "Assembly | None":
+        """The program that its cuboids follow from; None where they are free of each other."""
+        return None
 
     @abstractmethod
     def signatures(self) -> dict[str, str]:

@@ -5,7 +5,7 @@ the z axis being their cross product; edges name their ends by position among th
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError
+from cagesdf.frames import Similarity
 from cagesdf.structure.base import Structure
 from cagesdf.structure.relations import Adjacency, Reflection, Relation, Rotation, Translation
 
@@ -76,13 +77,16 @@ class PartHierarchy(Structure):
         """The parts' cuboids, where the hierarchy knows them."""
         return {node.node_id: node.cuboid for node in self.tree.walk() if not node.children and node.cuboid is not None}
 
-    def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "PartHierarchy":
-        """The same tree with new cuboids for the parts it names; inner nodes lose theirs."""
+    def transformed(self, similarity: Similarity) -> "PartHierarchy":
+        """The same tree, its cuboids and relations taken through a similarity."""
 
         def renew(node: Node) -> Node:
-            if node.children:
-                return replace(node, children=tuple(renew(child) for child in node.children), cuboid=None)
-            return replace(node, cuboid=cuboids.get(node.node_id, node.cuboid))
+            return replace(
+                node,
+                children=tuple(renew(child) for child in node.children),
+                relations=tuple(relation.transformed(similarity) for relation in node.relations),
+                cuboid=node.cuboid and node.cuboid.transformed(similarity),
+            )
 
         return PartHierarchy(renew(self.tree))
 

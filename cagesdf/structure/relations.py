@@ -1,8 +1,22 @@
 """Relations between sibling parts: attachments and the symmetries of StructureNet."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cagesdf.frames import Similarity
 
 Vector = tuple[float, float, float]
+
+
+def _point(point: Vector, similarity: Similarity) -> Vector:
+    x, y, z = similarity.to_canonical(np.array([point]))[0].tolist()
+    return x, y, z
+
+
+def _direction(direction: Vector, similarity: Similarity) -> Vector:
+    x, y, z = (similarity.rotation @ direction).tolist()
+    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -12,6 +26,10 @@ class Adjacency:
     a: str  # part id
     b: str  # part id
     distance: float  # gap between the parts, canonical units
+
+    def transformed(self, similarity: Similarity) -> "Adjacency":
+        """The relation taken through a similarity."""
+        return replace(self, distance=self.distance * similarity.scale)
 
 
 @dataclass(frozen=True)
@@ -23,6 +41,10 @@ class Reflection:
     point: Vector  # on the plane, canonical
     normal: Vector  # unit, canonical
 
+    def transformed(self, similarity: Similarity) -> "Reflection":
+        """The relation taken through a similarity."""
+        return replace(self, point=_point(self.point, similarity), normal=_direction(self.normal, similarity))
+
 
 @dataclass(frozen=True)
 class Translation:
@@ -31,6 +53,11 @@ class Translation:
     a: str  # part id
     b: str  # part id
     offset: Vector  # canonical units
+
+    def transformed(self, similarity: Similarity) -> "Translation":
+        """The relation taken through a similarity."""
+        x, y, z = (similarity.scale * similarity.rotation @ self.offset).tolist()
+        return replace(self, offset=(x, y, z))
 
 
 @dataclass(frozen=True)
@@ -42,6 +69,10 @@ class Rotation:
     pivot: Vector  # on the axis, canonical
     axis: Vector  # unit, canonical
     angle: float  # radians
+
+    def transformed(self, similarity: Similarity) -> "Rotation":
+        """The relation taken through a similarity."""
+        return replace(self, pivot=_point(self.pivot, similarity), axis=_direction(self.axis, similarity))
 
 
 Relation = Adjacency | Reflection | Translation | Rotation

@@ -1,0 +1,145 @@
+"""A program as the structure of a shape: its leaves are the parts."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.errors import InputError
+from cagesdf.frames import Similarity
+from cagesdf.structure.base import Structure
+from cagesdf.structure.canonical import node_signatures
+from cagesdf.structure.executor import execute, execute_nodes
+from cagesdf.structure.program import (
+    AXES,
+    BBOX,
+    AssemblyProgram,
+    Attach,
+    Block,
+    Member,
+    Reflect,
+    Squeeze,
+    Translate,
+    parse,
+)
+from cagesdf.structure.relations import Adjacency, Reflection, Relation, Translation, Vector
+
+ROOT = "."  # id of the root; all others are paths of names from there
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly(Structure):
+    """A program, and where its root's frame lies in the shape's. Parts' ids are paths as `execute` makes them."""
+
+    program: AssemblyProgram
+    placement: Similarity  # program → canonical; the shape's raw frame until it is imported
+
+    def cage(self) -> Cage:
+        """The leaves' cuboids, canonical. Raises ProgramError if the program doesn't execute."""
+        return execute(self.program).transformed(self.placement)
+
+    def with_program(self, program: AssemblyProgram) -> "Assembly":
+        """Another program in the same place."""
+        return Assembly(program, self.placement)
+
+    def assembly(self) -> "Assembly":
+        """Itself: the cuboids follow from the program."""
+        return self
+
+    def transformed(self, similarity: Similarity) -> "Assembly":
+        """The same program, placed elsewhere."""
+        return Assembly(self.program, self.placement.then(similarity))
+
+    @cached_property
+    def _nodes(self) -> dict[str, tuple[Block, tuple[Member, ...]]]:
+        """By the id of each node that a block fills: the block and its cuboids."""
+        found: dict[str, tuple[Block, tuple[Member, ...]]] = {}
+
+        def visit(node: str, block: Block) -> None:
+            found[node] = block, block.members()
+            for member in block.members():
+                inside = self.program.block(member.original)
+                if inside is not None:
+                    visit(below(node, member.name), inside)
+
+        visit(ROOT, self.program.blocks[0])
+        return found
+
+    def root(self) -> str:
+        """ROOT."""
+        return ROOT
+
+    def children(self, node: str) -> tuple[str, ...]:
+        """Ids of a node's cuboids, declared ones first, then copies; empty for a part."""
+        _, members = self._nodes.get(node, (None, ()))
+        return tuple(below(node, member.name) for member in members)
+
+    def parts(self) -> tuple[str, ...]:
+        """Ids of the leaves, in the order of execution: breadth first."""
+        level, found = [ROOT], list[str]()
+        while level:
+            children = [child for node in level for child in self.children(node)]
+            found += [child for child in children if child not in self._nodes]
+            level = [child for child in children if child in self._nodes]
+        return tuple(found)
+
+    def relations(self) -> tuple[Relation, ...]:
+        """Between the cuboids of each block: what is attached to what, and what is a copy of what; canonical."""
+        whole = Cuboid(np.zeros(3), np.eye(3), np.array(self.program.blocks[0].size)).transformed(self.placement)
+        cuboids = {ROOT: whole, **execute_nodes(self.program).transformed(self.placement).cuboids()}
+        return tuple(
+            relation
+            for node, (block, members) in self._nodes.items()
+            for relation in _relations(node, block, members, cuboids)
+        )
+
+    def signatures(self) -> dict[str, str]:
+        """By node id: see `canonical.node_signatures`. Names and the order of statements don't matter."""
+        return node_signatures(self.program, ROOT)
+
+    def to_json(self) -> str:
+        """Program and placement on one line."""
+        content = {"program": str(self.program), "placement": self.placement.to_numbers()}
+        return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+    @staticmethod
+    def from_json(text: str) -> "Assembly":
+        """Undo `to_json`. Raises InputError for anything else."""
+        content = json.loads(text)
+        try:
+            return Assembly(parse(content["program"]), Similarity.from_numbers(content["placement"]))
+        except (KeyError, TypeError, IndexError) as error:
+            raise InputError(f"structure: wanted a program and its placement, got {text[:60]} ({error!r})") from error
+
+
+def below(node: str, name: str) -> str:
+    """The id of a node's cuboid."""
+    return name if node == ROOT else f"{node}/{name}"
+
+
+def _relations(node: str, block: Block, members: tuple[Member, ...], cuboids: Mapping[str, Cuboid]) -> list[Relation]:
+    """Of one block's cuboids; attachments to the bbox are none."""
+    frame = cuboids[node]
+    found: list[Relation] = []
+    for statement in block.statements:
+        attached = [statement] if isinstance(statement, Attach) else []
+        if isinstance(statement, Squeeze):
+            attached = [*statement.attaches()]
+        found += [Adjacency(below(node, a.a), below(node, a.b), 0.0) for a in attached if a.b != BBOX]
+    for member in members:
+        original, copy = below(node, member.original), below(node, member.name)
+        match member.copied_by:
+            case Reflect(_, letter):
+                found.append(Reflection(original, copy, _vector(frame.centre), _vector(frame.axes[AXES.index(letter)])))
+            case Translate():
+                way = cuboids[copy].centre - cuboids[original].centre
+                found.append(Translation(original, copy, _vector(way / member.number)))
+    return found
+
+
+def _vector(values: np.ndarray) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

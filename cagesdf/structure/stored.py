@@ -1,0 +1,16 @@
+"""Structures of any kind as text."""
+
+import json
+
+from cagesdf.errors import InputError
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.base import Structure
+from cagesdf.structure.hierarchy import PartHierarchy
+
+
+def read_structure(text: str) -> Structure:
+    """What `Structure.to_json` wrote, of whichever class. Raises InputError if it is neither."""
+    content = json.loads(text)
+    if not isinstance(content, dict):
+        raise InputError(f"structure: wanted a JSON object, got {text[:60]}")
+    return Assembly.from_json(text) if "program" in content else PartHierarchy.from_json(text)
