@@ -1,19 +1,25 @@
-"""The `cagesdf` command: look into artefacts, take surfaces out of trained networks."""
+"""The `cagesdf` command: look into artefacts, run programs, take surfaces out of trained networks."""
 
 import json
 import os
 import sys
 from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import cyclopts
 
-from cagesdf.errors import InputError
+from cagesdf.errors import InputError, ProgramError
 from cagesdf.meshes import Mesh
 from pipeline import artefact
+
+if TYPE_CHECKING:
+    from cagesdf.cuboid import Cage
+    from cagesdf.structure.program import AssemblyProgram
 
 FORMATS = (".ply", ".obj", ".stl", ".glb")
 
@@ -58,11 +64,144 @@ def extract(run: Path, shape_id: str, out: Path, /, *, resolution: int = 128, st
         raise InputError(f"--resolution {resolution}: wanted at least 8 cells; 128 is usual, 256 is fine")
     if out.suffix.lower() not in FORMATS:
         raise InputError(f"{out}: wanted a name that ends in {', '.join(FORMATS)}")
-    if not out.resolve().parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.parent}; make it first")
+    _check_folder(out)
     mesh = _surface(run, shape_id, step, resolution)
     _write(mesh, out)
     print(f"{out}: {len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces, closed")
+
+
+@app.command(name="execute")
+def execute_programs(*paths: Path, out: Path | None = None, mesh: Path | None = None) -> None:
+    """Say which cuboids ShapeAssembly programs make: a JSON object a program, on a line of its own.
+
+    {"id": file name without .txt, "cuboids": [[centre 3, x axis 3, y axis 3, z axis 3, full lengths 3], ...]},
+    or {"id": ..., "error": ...}; then the exit status is 1.
+
+    Parameters
+    ----------
+    paths
+        Program files, and folders with any number of them, at any depth; lists of ids such as train.txt are left out.
+    out
+        A .jsonl file for the lines, instead of standard output.
+    mesh
+        An .obj file for a single program's cuboids, each an object of its own.
+    """
+    from cagesdf.formats.shapeassembly import list_programs
+    from cagesdf.structure.executor import execute
+    from cagesdf.structure.parsing import read_program
+
+    files = list_programs(_some(paths))
+    if mesh is not None and (len(files) != 1 or mesh.suffix.lower() != ".obj"):
+        raise InputError(f"{mesh}: wanted one program and a name that ends in .obj; got {len(files):,} programs")
+    for target in (out, mesh):
+        if target is not None:
+            _check_folder(target)
+
+    if mesh is not None:
+        content = _obj(files[0].stem, execute(read_program(files[0])))
+        with _replacing(mesh) as partial:
+            partial.write_text(content, encoding="utf-8")
+
+    failures: list[ProgramError] = []
+    lines = _answers(files, lambda program: {"cuboids": execute(program).vectors().tolist()}, failures)
+    if out is None:
+        for line in lines:
+            print(line, flush=True)
+    else:
+        with _replacing(out) as partial, partial.open("w", encoding="utf-8") as stream:
+            stream.writelines(f"{line}\n" for line in lines)
+        print(f"{out}: cuboids of {len(files) - len(failures):,} of {len(files):,} programs")
+    _complain(failures, len(files))
+
+
+@app.command
+def signature(*paths: Path, kind: Literal["exact", "canonical"] = "canonical", summary: bool = False) -> None:
+    """Say which ShapeAssembly programs are equal up to continuous parameters: their signatures are.
+
+    {"id": file name without .txt, "signature": text} on a line of its own, or {"id": ..., "error": ...}; then the
+    exit status is 1.
+
+    Parameters
+    ----------
+    paths
+        Program files, and folders with any number of them, at any depth; lists of ids such as train.txt are left out.
+    kind
+        exact: equal programs have the same text but for the numbers; canonical: also the names of cuboids and the
+        order of statements may differ.
+    summary
+        Count the classes of equal programs instead.
+    """
+    from cagesdf.formats.shapeassembly import list_programs
+    from cagesdf.structure.canonical import canonical_signature, exact_signature
+
+    sign = {"exact": exact_signature, "canonical": canonical_signature}[kind]
+    files = list_programs(_some(paths))
+    failures: list[ProgramError] = []
+    classes: Counter[str] = Counter()
+
+    def answer(program: "AssemblyProgram") -> dict[str, Any]:
+        text = sign(program)
+        classes[text] += 1
+        return {"signature": text}
+
+    for line in _answers(files, answer, failures):
+        if not summary:
+            print(line, flush=True)
+    if summary:
+        print("\n".join(_class_counts(classes)))
+    _complain(failures, len(files))
+
+
+def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    if not paths:
+        raise InputError("wanted files or folders with ShapeAssembly programs. See cagesdf --help.")
+    return paths
+
+
+def _answers(
+    files: Iterable[Path], answer: Callable[["AssemblyProgram"], dict[str, Any]], failures: list[ProgramError]
+) -> Iterator[str]:
+    """A line of JSON for each program: its id, and the answer or what is wrong, which is noted too."""
+    from cagesdf.structure.parsing import read_program
+
+    for file in files:
+        try:
+            found = answer(read_program(file))
+        except ProgramError as error:
+            failures.append(error)
+            found = {"error": str(error)}
+        yield json.dumps({"id": file.stem, **found}, ensure_ascii=False)
+
+
+def _complain(failures: list[ProgramError], programs: int) -> None:
+    if failures:
+        raise InputError(f"{len(failures):,} of {programs:,} programs failed; the first: {failures[0]}")
+
+
+def _class_counts(classes: Counter[str]) -> list[str]:
+    from cagesdf.io.summary import aligned
+
+    programs = classes.total()
+    partnered = sum(count for count in classes.values() if count > 1)
+    return aligned(
+        [
+            ["programs", f"{programs:,}"],
+            ["classes", f"{len(classes):,}"],
+            ["largest class", f"{max(classes.values(), default=0):,}"],
+            ["with a partner", f"{partnered:,}" + (f" ({partnered / programs:.1%})" if programs else "")],
+        ]
+    )
+
+
+def _obj(name: str, cage: "Cage") -> str:
+    """Wavefront OBJ with an object for each cuboid."""
+    from cagesdf.solid import CUBE_FACES
+
+    lines = []
+    for i, (part_id, corners) in enumerate(zip(cage.part_ids, cage.corners().tolist())):
+        lines += [f"o {name}/{part_id}", *(f"v {x!r} {y!r} {z!r}" for x, y, z in corners)]
+        lines += [f"f {a} {b} {c}" for a, b, c in (CUBE_FACES + 8 * i + 1).tolist()]
+    return "\n".join(lines) + "\n"
 
 
 def _described(path: Path) -> list[str]:
@@ -159,8 +298,7 @@ def _write(mesh: Mesh, out: Path) -> None:
     """Write a mesh whole or not at all, in the format of the name's ending."""
     from cagesdf.io.meshes import write_ply
 
-    partial = out.with_name(f".{out.name}.partial")
-    try:
+    with _replacing(out) as partial:
         if out.suffix.lower() == ".ply":
             write_ply(partial, mesh)
         else:
@@ -168,6 +306,19 @@ def _write(mesh: Mesh, out: Path) -> None:
 
             solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
             solid.export(partial, file_type=out.suffix.lower().removeprefix("."))
+
+
+def _check_folder(out: Path) -> None:
+    if not out.resolve().parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.parent}; make it first")
+
+
+@contextmanager
+def _replacing(out: Path) -> Iterator[Path]:
+    """A path beside `out`, which takes its place once what is written there is whole."""
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        yield partial
         os.replace(partial, out)
     finally:
         partial.unlink(missing_ok=True)
@@ -177,6 +328,10 @@ def run() -> None:
     """Run the command line. What is wrong is said in one line on standard error, with exit status 1."""
     try:
         app(sys.argv[1:], exit_on_error=False, print_error=False)
+    except BrokenPipeError:
+        # Who read the output has seen enough; what is still buffered must go somewhere when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except (cyclopts.CycloptsError, ValueError, OSError) as error:
         text = " ".join(str(error).split())
         sys.exit(f"cagesdf: {text}{' See cagesdf --help.' if isinstance(error, cyclopts.CycloptsError) else ''}")

@@ -1,6 +1,6 @@
 """Deformation sequences: cages interpolated towards a target, and surfaces that follow them (§3.3)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -8,34 +8,87 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.errors import InputError
+from cagesdf.errors import InputError, ProgramError, ShapeRejected
+from cagesdf.frames import Similarity
 from cagesdf.matching import Match
 from cagesdf.meshes import Mesh
 from cagesdf.shape import Shape
+from cagesdf.structure.assembly import Assembly
 
+SMALLEST = 1e-3  # the program's unit: a millimetre, for furniture; a thinner cuboid on the way is degenerate
 CONTAINED = 1e-6  # a cuboid contains a point whose signed distance to it is at most this, canonical units
 
 
-def make_sequence(match: Match, cages: Mapping[str, Cage], steps: int, held_out: tuple[int, ...]) -> Sequence:
-    """The sequence from a match's source towards its target: `steps` cages at even values of t.
+class CuboidPath:
+    """The paper's way from cage to cage: each cuboid by itself."""
 
-    Step 0 is the source's own cage. Raises InputError if a held-out step is not one of 1 … steps − 1.
+    def __init__(self, source: Cage, target: Cage) -> None:
+        """`target` has the source's parts, its axes named as there: see `aligned_cage`."""
+        self.source = source
+        self.target = target
+
+    def __call__(self, t: float) -> Cage:
+        """The cage at `t` in [0, 1]."""
+        return interpolated_cage(self.source, self.target, t)
+
+
+class ProgramPath:
+    """From program to program: continuous parameters linearly, so that each cage on the way is a program's."""
+
+    def __init__(self, source: Assembly, target: Assembly, pairs: tuple[tuple[str, str], ...]) -> None:
+        """Programs of equal signature, and their corresponding parts."""
+        self.source = source
+        self.ends = source.program.parameters(), source.parameters_of(target, pairs)
+        self.placements = source.placement, target.placement
+
+    def __call__(self, t: float) -> Cage:
+        """The cage at `t` in [0, 1]. Raises ProgramError if the program on the way executes badly."""
+        program = self.source.program.with_parameters((1 - t) * self.ends[0] + t * self.ends[1])
+        first, last = self.placements
+        placement = Similarity(
+            (1 - t) * first.scale + t * last.scale,
+            first.rotation,
+            (1 - t) * first.translation + t * last.translation,
+        )
+        cage = Assembly(program, placement).cage()
+        least = cage.size.min(axis=1) / placement.scale
+        if least.min() < SMALLEST:
+            part = cage.part_ids[int(least.argmin())]
+            wanted = f"cuboid {part} is {least.min():.2g} thin; wanted {SMALLEST:g} or more"
+            raise ProgramError(f"program at t = {t:g}", 0, "", wanted)
+        return cage
+
+
+def make_sequence(
+    match: Match, cages: Mapping[str, Cage], path: Callable[[float], Cage], steps: int, held_out: tuple[int, ...]
+) -> Sequence:
+    """The sequence from a match's source along a path: `steps` cages at even values of t.
+
+    Step 0 is the source's own cage. Raises InputError if a held-out step is not one of 1 … steps − 1,
+    ShapeRejected if a program on the way executes badly.
     """
     if not set(held_out) <= set(range(1, steps)):
         raise InputError(f"held_out: got {', '.join(map(str, held_out))}; wanted steps among 1 to {steps - 1}")
-    source = cages[match.shape_id]
-    if match.target_id is None:
-        target = scaled_cage(source, np.array(match.scale))
-    else:
-        target = aligned_cage(source, cages[match.target_id], match.pairs)
     t = np.linspace(0, 1, steps)
+    try:
+        moved = [path(float(value)) for value in t[1:]]
+    except ProgramError as error:
+        raise ShapeRejected(match.shape_id, "deform_sequences", f"towards {match.target_id}: {error}") from error
     return Sequence(
         match.shape_id,
         match.target_id,
         t,
         tuple(step in held_out for step in range(steps)),
-        (source, *(interpolated_cage(source, target, float(value)) for value in t[1:])),
+        (cages[match.shape_id], *moved),
     )
+
+
+def cuboid_path(match: Match, cages: Mapping[str, Cage]) -> CuboidPath:
+    """Towards the target's cuboids, or the source's own, scaled."""
+    source = cages[match.shape_id]
+    if match.target_id is None:
+        return CuboidPath(source, scaled_cage(source, np.array(match.scale)))
+    return CuboidPath(source, aligned_cage(source, cages[match.target_id], match.pairs))
 
 
 def aligned_cage(source: Cage, target: Cage, pairs: tuple[tuple[str, str], ...]) -> Cage:

@@ -1,5 +1,7 @@
 """The exceptions: a shape that can't be used, and input that is not as it must be."""
 
+SHOWN = 120  # characters of a line that a message quotes
+
 
 class ShapeRejected(Exception):
     """A shape that a stage can't use.
@@ -39,4 +41,5 @@ class ProgramError(InputError):
 
     def __str__(self) -> str:
         where = f"{self.source}, line {self.line}" if self.line else self.source
-        return f"{where}: {self.text}: {self.wanted}" if self.text else f"{where}: {self.wanted}"
+        text = self.text if len(self.text) <= SHOWN else f"{self.text[:SHOWN]}…"
+        return f"{where}: {text}: {self.wanted}" if text else f"{where}: {self.wanted}"

@@ -50,14 +50,20 @@ class Similarity:
         translation = other.to_canonical(self.translation[None])[0]
         return Similarity(self.scale * other.scale, other.rotation @ self.rotation, translation)
 
+    def inverse(self) -> "Similarity":
+        """The similarity that undoes this one: canonical → raw."""
+        return Similarity(1 / self.scale, self.rotation.T, -(self.translation @ self.rotation) / self.scale)
+
     def to_numbers(self) -> list[float]:
         """Thirteen numbers: scale, rotation by rows, translation."""
         return [float(self.scale), *map(float, self.rotation.ravel()), *map(float, self.translation)]
 
     @staticmethod
     def from_numbers(numbers: list[float]) -> "Similarity":
-        """Undo `to_numbers`."""
+        """Undo `to_numbers`. Raises InputError for anything but thirteen finite numbers."""
         values = np.asarray(numbers, dtype=np.float64)
+        if values.shape != (13,) or not np.isfinite(values).all():
+            raise InputError(f"similarity: wanted 13 finite numbers, got {str(numbers)[:60]}")
         return Similarity(float(values[0]), values[1:10].reshape(3, 3), values[10:13])
 
 

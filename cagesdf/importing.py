@@ -37,7 +37,7 @@ def import_shape(raw: RawShape, up: str, weld: float, max_faces: int, max_parts:
     except InputError as error:
         raise ShapeRejected(raw.shape_id, STAGE, str(error)) from error
     parts = tuple(_import_part(raw, part, similarity, weld, min_thickness) for part in raw.parts)
-    return Shape(raw.shape_id, raw.split, parts, raw.structure.transformed(similarity), similarity)
+    return Shape(raw.shape_id, raw.split, parts, raw.structure.transformed(similarity), similarity, raw.alignment)
 
 
 def _import_part(raw: RawShape, part: RawPart, similarity: Similarity, weld: float, min_thickness: float) -> Part:
@@ -64,8 +64,23 @@ def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
         f"{len(shapes) + len(rejected)} shapes: {len(shapes) - repaired} passed, {repaired} repaired, "
         f"{len(rejected)} rejected",
         f"{len(methods)} parts, by the last step of the repair they needed: {counts or 'none'}",
+        *_alignment_line(shapes),
         *(f"rejected {item.shape_id}: {item.reason}" for item in rejected[:SHOWN]),
     ]
     if len(rejected) > SHOWN:
         lines.append(f"and {len(rejected) - SHOWN} more, in rejected.parquet")
     return "\n".join(lines)
+
+
+def _alignment_line(shapes: list[Shape]) -> list[str]:
+    """How well programs fit their parts before they are fitted; nothing without programs."""
+    found = [(part.iou, shape.shape_id, part.part_id) for shape in shapes for part in shape.alignment]
+    if not found:
+        return []
+    programs = sum(bool(shape.alignment) for shape in shapes)
+    leftovers = sum(len(part.leftovers) for shape in shapes for part in shape.alignment)
+    mean, (worst, shape_id, part_id) = np.mean([item[0] for item in found]), min(found)
+    return [
+        f"{programs} programs, {len(found)} leaves: mean IoU with their parts {mean:.2f}, "
+        f"least {worst:.2f} ({shape_id}, {part_id}); {leftovers} meshes given to the leaf they lie in"
+    ]

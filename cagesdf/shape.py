@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from cagesdf.frames import Similarity
 from cagesdf.meshes import Mesh
 from cagesdf.structure.base import Structure
-from cagesdf.structure.hierarchy import PartHierarchy
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,6 +16,18 @@ class RawPart:
     mesh: Mesh  # raw frame; may be open, flipped, doubled
 
 
+@dataclass(frozen=True)
+class AlignedPart:
+    """What `alignment.align` found for one leaf of a shape's program."""
+
+    part_id: str  # the leaf
+    node_id: str  # node of the part tree that it was matched to, "" if it was to none
+    label: str  # that node's
+    objs: tuple[str, ...]  # names of the node's meshes
+    leftovers: tuple[str, ...]  # names of further meshes that lie in its cuboid
+    iou: float  # of leaf and node, as in `alignment.Boxes.iou`; 0 if there is no node
+
+
 @dataclass(frozen=True, eq=False)
 class RawShape:
     """One object as its files give it."""
@@ -24,7 +35,8 @@ class RawShape:
     shape_id: str  # unique in its category
     split: str  # "train" or "val"
     parts: tuple[RawPart, ...]  # in the structure's order
-    structure: PartHierarchy  # cuboids and relations in it, if any, are raw too
+    structure: Structure  # cuboids and relations in it, if any, are raw too
+    alignment: tuple[AlignedPart, ...] = ()  # of a program's leaves, in the structure's order
 
 
 @dataclass(frozen=True)
@@ -56,6 +68,7 @@ class Shape:
     parts: tuple[Part, ...]  # in the order of structure.parts()
     structure: Structure  # cuboids in it, if any, are canonical
     similarity: Similarity  # raw → canonical
+    alignment: tuple[AlignedPart, ...] = ()  # of a program's leaves, in the structure's order
 
     @property
     def status(self) -> str:

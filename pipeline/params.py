@@ -52,12 +52,14 @@ class ImportParams(Params):
 
 
 class FitParams(Params):
-    """Minimum-volume cuboids."""
+    """Cuboids that bound the parts."""
 
     slack: NonNegative  # boxes within (1 + slack) of the minimum volume compete for the axes nearest the canonical
     min_size: Positive  # thinner cuboids are made this thick, canonical units
-    margin: NonNegative  # how far a part may stick out of its cuboid, canonical units
+    margin: NonNegative  # how far a part may stick out of a cuboid of its own, canonical units
+    points: Count  # on each part's surface, that a program is fitted to
     max_rejected: Share
+    seed: Natural
 
 
 class MatchParams(Params):
@@ -74,6 +76,8 @@ class DeformParams(Params):
 
     steps: Count  # of a sequence, the rest shape among them
     held_out: tuple[Natural, ...]  # steps kept from training
+    interpolation: Literal["cuboids", "program"]  # of what, where a shape has a program
+    max_rejected: Share
 
 
 class SampleParams(Params):

@@ -3,18 +3,22 @@
 python -m stages.deform_sequences data/shapes/chair data/cuboids/chair data/matches/chair data/sequences/chair
 """
 
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cagesdf.cuboid import Sequence
-from cagesdf.deformation import deform_shape, make_sequence, share_outside
+from cagesdf.cuboid import Cage, Sequence
+from cagesdf.deformation import ProgramPath, cuboid_path, deform_shape, make_sequence, share_outside
 from cagesdf.errors import ShapeRejected
-from cagesdf.io.cuboids import read_cages
+from cagesdf.io.cuboids import read_assemblies, read_cages
 from cagesdf.io.matches import read_matches
+from cagesdf.io.rejected import write_rejected
 from cagesdf.io.sequences import write_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.matching import Match
+from cagesdf.structure.assembly import Assembly
 from pipeline import DeformParams, artefact, parallel_map, run_stage
 
 
@@ -22,20 +26,30 @@ def main(shapes: Path, cuboids: Path, matches: Path, out: Path, params: DeformPa
     """Read `shapes/`, `cuboids/` and `matches/`, write `sequences/`; print the share of vertices left outside."""
     inputs = {"shapes": shapes, "cuboids": cuboids, "matches": matches}
     with artefact.write("sequences", out, inputs=inputs, params=params) as folder:
-        source, cages = read_shapes(shapes), read_cages(cuboids)
+        todo = read_matches(matches)
+        assemblies = read_assemblies(cuboids) if params.interpolation == "program" else {}
+        deform = partial(deform_one, read_shapes(shapes), read_cages(cuboids), assemblies, params)
+        done, rejected = parallel_map(deform, todo, rejects=ShapeRejected, label="deform_sequences")
+        write_sequences(folder, [sequence for sequence, _ in done], {s.shape_id: share for s, share in done})
+        write_rejected(folder, rejected, len(todo), params.max_rejected)
+        mean = np.mean([share[1:].mean() for _, share in done])
+        print(f"{len(done)} sequences; averaging puts {mean:.1%} of a part's vertices outside their own cuboid")
 
-        sequences = [make_sequence(match, cages, params.steps, params.held_out) for match in read_matches(matches)]
-        measure = partial(measure_outside, source)
-        shares, _ = parallel_map(measure, sequences, rejects=ShapeRejected, label="deform_sequences")
-        write_sequences(folder, sequences, {s.shape_id: share for s, share in zip(sequences, shares)})
-        mean = np.mean([share[1:].mean() for share in shares])
-        print(f"{len(sequences)} sequences; averaging puts {mean:.1%} of a part's vertices outside their own cuboid")
 
-
-def measure_outside(source: ShapeFolder, sequence: Sequence) -> np.ndarray:
-    """For each step and part, the share of the part's vertices outside their own cuboid."""
+def deform_one(
+    source: ShapeFolder,
+    cages: Mapping[str, Cage],
+    assemblies: Mapping[str, Assembly],
+    params: DeformParams,
+    match: Match,
+) -> tuple[Sequence, np.ndarray]:
+    """A sequence, and for each step and part the share of the part's vertices outside their own cuboid."""
+    path: Callable[[float], Cage] = cuboid_path(match, cages)
+    if match.shape_id in assemblies and match.target_id is not None:
+        path = ProgramPath(assemblies[match.shape_id], assemblies[match.target_id], match.pairs)
+    sequence = make_sequence(match, cages, path, params.steps, params.held_out)
     shape, rest = source.read(sequence.shape_id), sequence.cages[0]
-    return np.array([share_outside(deform_shape(shape, rest, cage), cage) for cage in sequence.cages])
+    return sequence, np.array([share_outside(deform_shape(shape, rest, cage), cage) for cage in sequence.cages])
 
 
 if __name__ == "__main__":

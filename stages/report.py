@@ -1,6 +1,7 @@
 """Gather figures, pictures and loss curves of all categories and arms into tables and one page (§4).
 
-python -m stages.report data/scores data/meshes data/runs data/shapes data/sequences data/metrics data/report
+python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboids data/sequences \\
+    data/metrics data/report
 """
 
 import json
@@ -18,6 +19,7 @@ def main(
     meshes: Path,
     runs: Path,
     shapes: Path,
+    cuboids: Path,
     sequences: Path,
     metrics: Path,
     out: Path,
@@ -35,6 +37,7 @@ def main(
     categories = [
         read_category(
             shapes / name,
+            cuboids / name,
             sequences / name,
             {folder.name: folder for folder in inside(meshes / name)},
             {folder.name: folder for folder in inside(runs / name)},
@@ -42,6 +45,7 @@ def main(
         )
         for name in names
     ]
+    tables["cuboids"] = {category.name: category.bounding for category in categories}
     with artefact.write("metrics", metrics, inputs={}, foreign=inputs, params=params) as folder:
         text = json.dumps(tables, indent=1, sort_keys=True)
         (folder / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")

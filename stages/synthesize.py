@@ -17,7 +17,6 @@ def main(category: str, out: Path, params: SynthesizeParams) -> None:
     """Write `raw/`: one folder a shape, hierarchies and splits beside them."""
     recipes = draw_recipes(category, params.train, params.val, item_rng(params.seed, "synthesize", category))
     with artefact.write("raw", out, inputs={}, params=params) as folder:
-        (folder / f"{category}_hier").mkdir()
         write = partial(write_one, folder, params)
         parallel_map(write, recipes, rejects=ShapeRejected, label="synthesize")
         write_splits(folder, recipes)

@@ -1,5 +1,7 @@
 """The `cagesdf` command as a user meets it."""
 
+import json
+import subprocess
 import sys
 import tomllib
 from importlib.metadata import PackageNotFoundError, version
@@ -14,6 +16,7 @@ import trimesh
 
 from cagesdf import cli
 from cagesdf.cuboid import Cage, Cuboid, Sequence
+from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.io.meshes import read_ply, write_ply
 from cagesdf.io.points import CHUNK, PointChunks, write_shard
@@ -224,3 +227,114 @@ def test_nothing_is_written_where_something_is_wrong(command: Command, trained: 
     empty = write_trained(tmp_path / "empty", 0.05)
     assert "no surface at all" in command.complaint("extract", empty, "chair_0001", out)
     assert list(wanted.iterdir()) == []
+
+
+def write_program(path: Path, name: str = "seat", height: float = 0.5) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(
+        f"Assembly P {{\nbbox = Cuboid(1, 1, 1, True)\n{name} = Cuboid(0.5, {height}, 0.5, True)\n"
+        f"attach({name}, bbox, 0.5, 0, 0.5, 0.5, 0, 0.5)\nreflect({name}, Y)\n}}\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+UPRIGHT = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+MIRRORED = [[0, -0.25, 0, *UPRIGHT, 0.5, 0.5, 0.5], [0, 0.25, 0, *UPRIGHT, 0.5, 0.5, 0.5]]
+
+
+def test_programs_are_executed_in_the_order_of_the_paths_and_folders_sorted(command: Command, tmp_path: Path) -> None:
+    for name in ("b/2", "b/1", "b/c/3"):
+        write_program(tmp_path / f"{name}.txt")
+    first = write_program(tmp_path / "z.prog")
+    lines = list(map(json.loads, command("execute", first, tmp_path / "b").splitlines()))
+    assert [line["id"] for line in lines] == ["z", "1", "2", "3"]
+    assert all(line == {"id": line["id"], "cuboids": MIRRORED} for line in lines)
+
+
+def test_a_program_that_fails_has_its_line_and_the_others_go_on(
+    command: Command, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_program(tmp_path / "1.txt")
+    write_program(tmp_path / "2.txt", height=-1)
+    write_program(tmp_path / "3.txt")
+    for name in ("execute", "signature"):
+        complaint = command.complaint(name, tmp_path)
+        assert "1 of 3 programs failed" in complaint
+        lines = list(map(json.loads, capsys.readouterr().out.splitlines()))
+        assert [line["id"] for line in lines] == ["1", "2", "3"]
+        assert "2.txt, line 3: seat = Cuboid(0.5, -1, 0.5, True): " in lines[1]["error"]
+        assert lines[1].keys() == {"id", "error"}
+        assert "error" not in lines[0]
+
+
+def test_lists_of_ids_among_programs_are_left_out(command: Command, tmp_path: Path) -> None:
+    write_program(tmp_path / "chair" / "172.txt")
+    (tmp_path / "chair_train.txt").write_text("172\n38955\n", encoding="utf-8")
+    (tmp_path / "chair" / "val.txt").write_text("172", encoding="utf-8")
+    assert len(command("execute", tmp_path).splitlines()) == 1
+    (tmp_path / "chair" / "cut.txt").write_text("", encoding="utf-8")
+    assert "at least one block" in command.complaint("execute", tmp_path)
+
+
+def test_execute_and_signature_refuse_paths_without_programs(command: Command, tmp_path: Path) -> None:
+    for name in ("execute", "signature"):
+        assert "wanted files or folders" in command.complaint(name)
+        assert "no such file or folder" in command.complaint(name, tmp_path / "nowhere")
+        assert "no programs in it" in command.complaint(name, tmp_path)
+        assert '"rough"' in command.complaint("signature", tmp_path, "--kind", "rough")
+
+
+def test_executed_cuboids_are_written_to_a_file_whole(
+    command: Command, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    programs, out = tmp_path / "programs", tmp_path / "out.jsonl"
+    write_program(programs / "1.txt")
+    printed = command("execute", programs)
+    assert "1 of 1 programs" in command("execute", programs, "--out", out)
+    assert out.read_text(encoding="utf-8") == printed
+    write_program(programs / "2.txt", height=0)
+    assert "1 of 2 programs failed" in command.complaint("execute", programs, "--out", out)
+    assert "error" in json.loads(out.read_text(encoding="utf-8").splitlines()[1])
+    assert "make it first" in command.complaint("execute", programs, "--out", tmp_path / "no" / "a.jsonl")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.jsonl", "programs"]
+
+
+def test_the_mesh_of_a_program_has_a_closed_object_for_each_cuboid(command: Command, tmp_path: Path) -> None:
+    program, out = write_program(tmp_path / "stool.txt"), tmp_path / "stool.obj"
+    command("execute", program, "--mesh", out)
+    groups = read_obj_groups(out)
+    assert [name for name, _ in groups] == ["stool/seat", "stool/cube1"]
+    for (_, mesh), vector in zip(groups, MIRRORED):
+        assert is_closed(mesh)
+        assert signed_volume(mesh) == pytest.approx(0.125)
+        np.testing.assert_allclose(mesh.vertices.mean(axis=0), vector[:3], atol=1e-12)
+    write_program(tmp_path / "more" / "a.txt")
+    assert "wanted one program" in command.complaint("execute", program, tmp_path / "more", "--mesh", out)
+    assert "ends in .obj" in command.complaint("execute", program, "--mesh", tmp_path / "stool.ply")
+
+
+def test_signatures_say_which_programs_are_equal_and_the_summary_counts_them(command: Command, tmp_path: Path) -> None:
+    for i, name in enumerate(("seat", "seat", "board")):
+        write_program(tmp_path / f"{i}.txt", name, height=0.1 * (i + 1))
+    for kind, classes in (("exact", 2), ("canonical", 1)):
+        lines = list(map(json.loads, command("signature", tmp_path, "--kind", kind).splitlines()))
+        assert [line["id"] for line in lines] == ["0", "1", "2"]
+        assert len({line["signature"] for line in lines}) == classes
+    summary = command("signature", tmp_path, "--kind", "exact", "--summary").split("\n")
+    assert [line.split()[-1] for line in summary[:3]] == ["3", "2", "2"]
+    assert summary[3].endswith("2 (66.7%)")
+
+
+def test_a_reader_that_stops_early_gets_no_traceback(tmp_path: Path) -> None:
+    for i in range(300):
+        write_program(tmp_path / f"{i}.txt")
+    code = "from cagesdf.cli import run; run()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, "execute", tmp_path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert json.loads(process.stdout.readline())["id"] == "0"
+        process.stdout.close()
+        assert process.stderr.read() == b""

@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import CORNER_ORDER, Cage
 from cagesdf.deformation import (
+    ProgramPath,
     aligned_cage,
+    cuboid_path,
     deform_shape,
     deform_vertices,
     interpolated_cage,
@@ -17,10 +19,13 @@ from cagesdf.deformation import (
     scaled_cage,
     share_outside,
 )
-from cagesdf.errors import InputError
-from cagesdf.fitting import fit_cage
-from cagesdf.matching import Match
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.fitting.cages import fit_cage
+from cagesdf.frames import Similarity
+from cagesdf.matching import Match, correspond
 from cagesdf.meshes import is_closed
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.parsing import parse
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -152,14 +157,14 @@ def test_partners_are_aligned_under_the_sources_names() -> None:
 
 def stool_match() -> tuple[Match, dict[str, Cage]]:
     shapes = [toy.stool("a"), toy.stool("b", width=1.4, height=0.7, lean=0.3)]
-    cages = {shape.shape_id: fit_cage(shape, 0.01, 1e-3, 1e-6)[0] for shape in shapes}
+    cages = {shape.shape_id: fit_cage(shape, 0.01, 1e-3, 1e-6, 10, np.random.default_rng(0)).cage for shape in shapes}
     pairs = tuple((part, part) for part in cages["a"].part_ids)
     return Match("a", "b", (1.0, 1.0, 1.0), pairs, 0.0, 1, ""), cages
 
 
 def test_a_sequence_starts_at_rest_exactly_ends_at_the_target_and_holds_out_the_middle() -> None:
     match, cages = stool_match()
-    sequence = make_sequence(match, cages, 6, (2, 3))
+    sequence = make_sequence(match, cages, cuboid_path(match, cages), 6, (2, 3))
     np.testing.assert_array_equal(sequence.cages[0].vectors(), cages["a"].vectors())
     np.testing.assert_allclose(sequence.cages[5].centre, cages["b"].centre)
     np.testing.assert_allclose(sequence.t, [0, 0.2, 0.4, 0.6, 0.8, 1])
@@ -169,7 +174,7 @@ def test_a_sequence_starts_at_rest_exactly_ends_at_the_target_and_holds_out_the_
 def test_a_scaled_sequence_ends_at_the_scaled_cage() -> None:
     match, cages = stool_match()
     scaled = Match("a", None, (1.2, 0.8, 1.0), match.pairs, 0.0, 0, "")
-    sequence = make_sequence(scaled, cages, 6, (2, 3))
+    sequence = make_sequence(scaled, cages, cuboid_path(scaled, cages), 6, (2, 3))
     wanted = scaled_cage(cages["a"], np.array([1.2, 0.8, 1.0]))
     np.testing.assert_allclose(sequence.cages[5].vectors(), wanted.vectors(), atol=1e-9)
 
@@ -178,12 +183,12 @@ def test_a_scaled_sequence_ends_at_the_scaled_cage() -> None:
 def test_the_rest_shape_and_steps_that_are_none_cannot_be_held_out(held_out: tuple[int, ...]) -> None:
     match, cages = stool_match()
     with pytest.raises(InputError, match="wanted steps among 1 to 5"):
-        make_sequence(match, cages, 6, held_out)
+        make_sequence(match, cages, cuboid_path(match, cages), 6, held_out)
 
 
 def test_deformed_parts_stay_closed_and_only_shared_vertices_leave_their_cuboid() -> None:
     match, cages = stool_match()
-    shape, sequence = toy.stool("a"), make_sequence(match, cages, 6, (2, 3))
+    shape, sequence = toy.stool("a"), make_sequence(match, cages, cuboid_path(match, cages), 6, (2, 3))
     rest, moved = sequence.cages[0], sequence.cages[-1]
     meshes = deform_shape(shape, rest, moved)
     assert all(is_closed(mesh) for mesh in meshes)
@@ -195,3 +200,92 @@ def test_deformed_parts_stay_closed_and_only_shared_vertices_leave_their_cuboid(
         assert shares[i] == out.mean()
     assert shares.max() > 0
     np.testing.assert_array_equal(share_outside(deform_shape(shape, rest, rest), rest), 0)
+
+
+TABLE = """
+Assembly Program_0 {
+    bbox = Cuboid(1.0, 0.8, 0.6, True)
+    cube0 = Cuboid(1.0, 0.1, 0.6, True)
+    Program_1 = Cuboid(0.8, 0.7, 0.5, True)
+    attach(cube0, bbox, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5)
+    squeeze(Program_1, cube0, bbox, top, 0.5, 0.5)
+}
+Assembly Program_1 {
+    bbox = Cuboid(0.8, 0.7, 0.5, True)
+    cube0 = Cuboid(0.1, 0.7, 0.1, True)
+    cube1 = Cuboid(0.1, 0.7, 0.1, True)
+    squeeze(cube0, bbox, bbox, top, 0.1, 0.1)
+    squeeze(cube1, bbox, bbox, top, 0.1, 0.9)
+    reflect(cube0, X)
+    reflect(cube1, X)
+}
+"""
+# The same structure: cuboids and statements in another order, other numbers.
+OTHER_TABLE = """
+Assembly Table {
+    bbox = Cuboid(1.4, 0.6, 0.9, True)
+    Legs = Cuboid(1.2, 0.5, 0.8, True)
+    cube1 = Cuboid(1.4, 0.06, 0.9, True)
+    attach(cube1, bbox, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5)
+    squeeze(Legs, cube1, bbox, top, 0.5, 0.5)
+}
+Assembly Legs {
+    bbox = Cuboid(1.2, 0.5, 0.8, True)
+    cube0 = Cuboid(0.2, 0.5, 0.2, True)
+    cube1 = Cuboid(0.1, 0.5, 0.1, True)
+    squeeze(cube1, bbox, bbox, top, 0.05, 0.05)
+    squeeze(cube0, bbox, bbox, top, 0.2, 0.9)
+    reflect(cube1, X)
+    reflect(cube0, X)
+}
+"""
+
+
+def assemblies() -> tuple[Assembly, Assembly, tuple[tuple[str, str], ...]]:
+    """Two tables, and which parts correspond."""
+    source = Assembly(parse(TABLE), Similarity(1.0, np.eye(3), np.zeros(3)))
+    target = Assembly(parse(OTHER_TABLE), Similarity(0.8, np.eye(3), np.array([0.1, 0.0, -0.2])))
+    return source, target, correspond(source, source.cage(), target, target.cage())
+
+
+def test_a_path_of_programs_ends_at_the_targets_cuboids() -> None:
+    source, target, pairs = assemblies()
+    path = ProgramPath(source, target, pairs)
+    np.testing.assert_allclose(path(0.0).vectors(), source.cage().vectors(), atol=1e-12)
+    partners = dict(pairs)
+    wanted = np.array([target.cage().vectors()[target.parts().index(partners[part])] for part in source.parts()])
+    np.testing.assert_allclose(path(1.0).vectors(), wanted, atol=1e-12)
+    assert partners["cube0"] == "cube1"
+    assert partners["Program_1/cube0"] == "Legs/cube1"
+
+
+def test_what_is_attached_stays_attached_on_a_path_of_programs() -> None:
+    source, target, pairs = assemblies()
+    path = ProgramPath(source, target, pairs)
+    for t in (0.2, 0.5, 0.9):
+        cage = path(t)
+        top = cage["cube0"].centre[1] - cage["cube0"].size[1] / 2
+        assert all(
+            leg.centre[1] + leg.size[1] / 2 == pytest.approx(top, abs=0.05)
+            for leg in map(cage.__getitem__, source.parts()[1:])
+        )
+        x = cage.centre[1:, 0]
+        np.testing.assert_allclose(np.sort(x), np.sort(2 * cage["cube0"].centre[0] - x), atol=1e-12)
+
+
+def test_a_program_that_executes_badly_on_the_way_rejects_its_source() -> None:
+    source, target, pairs = assemblies()
+    thin = target.program.with_parameters(
+        np.where(target.program.parameters() == 0.06, 1e-4, target.program.parameters())
+    )
+    path = ProgramPath(source, target.with_program(thin), pairs)
+    match = Match("a", "b", (1.0, 1.0, 1.0), pairs, 0.0, 1, "")
+    with pytest.raises(ShapeRejected, match=r"towards b: .* cuboid cube0 is"):
+        make_sequence(match, {"a": source.cage()}, path, 6, (2, 3))
+
+
+def test_programs_that_say_different_things_have_no_common_parameters() -> None:
+    source, target, pairs = assemblies()
+    turned = target.with_program(parse(OTHER_TABLE.replace("reflect(cube1, X)", "reflect(cube1, Z)")))
+    with pytest.raises(ValueError, match="says nothing like reflect"):
+        source.parameters_of(turned, pairs)

@@ -160,4 +160,6 @@ def test_a_source_knows_its_hierarchy(tmp_path: Path) -> None:
     (tmp_path / "7").mkdir()
     (tmp_path / "chair_hier").mkdir()
     (tmp_path / "chair_hier" / "7.json").touch()
-    assert list_shapes(tmp_path, "*") == [ShapeSource("7", "train", tmp_path / "7", tmp_path / "chair_hier" / "7.json")]
+    assert list_shapes(tmp_path, "*") == [
+        ShapeSource("7", "train", tmp_path / "7", tmp_path / "chair_hier" / "7.json", None)
+    ]

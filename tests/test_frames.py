@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
 from cagesdf.frames import UP_AXES, Similarity, canonical_similarity
@@ -47,3 +48,23 @@ def test_a_shape_without_extent_or_with_nan_is_refused(bad: np.ndarray) -> None:
 def test_an_unknown_up_axis_is_named() -> None:
     with pytest.raises(InputError, match="'x'"):
         canonical_similarity(np.eye(3), "x")
+
+
+def test_one_similarity_then_another_is_both_in_turn() -> None:
+    rng = np.random.default_rng(0)
+    first, second = (
+        Similarity(float(rng.uniform(0.5, 2)), Rotation.random(random_state=i).as_matrix(), rng.normal(size=3))
+        for i in (1, 2)
+    )
+    points = rng.normal(size=(9, 3))
+    both = first.then(second)
+    np.testing.assert_allclose(both.to_canonical(points), second.to_canonical(first.to_canonical(points)), atol=1e-12)
+    np.testing.assert_allclose(both.to_raw(both.to_canonical(points)), points, atol=1e-12)
+
+
+def test_a_similarity_is_read_from_thirteen_finite_numbers_only() -> None:
+    numbers = Similarity(2.0, np.eye(3), np.arange(3.0)).to_numbers()
+    assert Similarity.from_numbers(numbers).to_numbers() == numbers
+    for wrong in (numbers[:-1], [*numbers, 1.0], [float("nan"), *numbers[1:]]):
+        with pytest.raises(InputError, match="13 finite numbers"):
+            Similarity.from_numbers(wrong)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError
 from cagesdf.structure.hierarchy import MAX_DEPTH, PartHierarchy
 from cagesdf.structure.relations import Adjacency, Reflection, Rotation, Translation
@@ -96,15 +95,6 @@ def test_published_axes_that_are_rounded_become_a_rotation() -> None:
     cuboid = PartHierarchy.from_dict(entry).cuboids()["0"]
     np.testing.assert_allclose(cuboid.axes @ cuboid.axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(cuboid.axes) == pytest.approx(1)
-
-
-def test_new_cuboids_replace_those_of_the_parts_they_name_and_no_others() -> None:
-    hierarchy = PartHierarchy.from_dict(chair())
-    new = Cuboid(np.ones(3), np.eye(3), np.ones(3))
-    changed = hierarchy.with_cuboids({"3": new})
-    assert changed.cuboids()["3"] is new
-    assert changed.cuboids()["2"] is hierarchy.cuboids()["2"]
-    assert changed.signature() == hierarchy.signature()
 
 
 def test_ids_that_occur_twice_are_told_apart() -> None:

@@ -11,7 +11,7 @@ from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.frames import UP_AXES
-from cagesdf.importing import import_shape, summary, to_canonical
+from cagesdf.importing import import_shape, summary
 from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
@@ -77,7 +77,7 @@ def test_boxes_and_relations_move_with_the_meshes() -> None:
     leaves = tuple(Node(name, name, (), (), cuboid) for name in "ab")
     tree = PartHierarchy(Node("root", "x", leaves, relations, None))
     similarity = import_shape(raw_shape(stool()), "z", **LIMITS).similarity
-    moved = to_canonical(tree, similarity)
+    moved = tree.transformed(similarity)
 
     points = rng.normal(size=(20, 3))
     box = moved.cuboids()["a"]

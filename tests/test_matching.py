@@ -6,14 +6,14 @@ import toy
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage
-from cagesdf.fitting import fit_cage
+from cagesdf.fitting.cages import fit_cage
 from cagesdf.matching import CONTACT, correspond, group_by_structure, match_to_one_of, match_to_scaled, touching
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 
 
 def cage_of(shape: Shape) -> Cage:
-    return fit_cage(shape, 0.01, 1e-3, 1e-6)[0]
+    return fit_cage(shape, 0.01, 1e-3, 1e-6, 10, np.random.default_rng(0)).cage
 
 
 def points_cage(centres: dict[str, list[float]]) -> Cage:

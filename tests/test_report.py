@@ -18,6 +18,8 @@ from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.deformation import deform_shape, scaled_cage
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.fitting.cages import FittedCage
+from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.rejected import write_rejected
@@ -35,6 +37,7 @@ from stages import report
 
 SVG = "{http://www.w3.org/2000/svg}"
 NOTHING = Grid((), (), (), ())
+BOUNDING = {"outside_before": 0.25, "outside": 0.00125, "volume_ratio": 1.5, "parts": 40, "unbounded": 3}
 
 
 def line(mean: float) -> dict[str, dict[str, float]]:
@@ -80,9 +83,20 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
     surface = Scene((cage_surface(cage),), (CLAY,))
     boxes = Scene(cage=cage, cage_colours=("#336699",))
     comparison = Grid(("cuboids", "ground truth", "cagesdf"), (False,) * 3, ("c<1>",), ((boxes, surface, surface),))
+    fitting = Grid(("as given", "fitted"), (False,) * 2, ("c<1>",), ((None, boxes),))
     sequence = Grid(("t = 0.0", "t = 0.5"), (False, True), ("truth", "cagesdf"), ((surface, surface), (None, surface)))
     curve = [(20, 0.1), (40, 0.05), (60, 0.02)]
-    return Category("chair", 5, 2, {"bad": "a <b> part"}, comparison, sequence, {"cagesdf": curve, "deepsdf": curve})
+    return Category(
+        "chair",
+        5,
+        2,
+        {"bad": "a <b> part"},
+        BOUNDING,
+        fitting,
+        comparison,
+        sequence,
+        {"cagesdf": curve, "deepsdf": curve},
+    )
 
 
 @pytest.fixture
@@ -102,7 +116,7 @@ def test_the_page_asks_for_nothing_outside_itself(page: str) -> None:
 def test_every_scene_is_a_picture_and_links_inside_the_page_lead_somewhere(page: str) -> None:
     parsed = Page(page)
     assert parsed.open == []
-    assert parsed.images == 6
+    assert parsed.images == 7
     for address in parsed.addresses:
         assert not address.startswith("#") or f'id="{address[1:]}"' in page
 
@@ -129,8 +143,14 @@ def test_the_same_input_gives_the_same_page(category: Category, page: str, tmp_p
     assert (tmp_path / "again.html").read_text(encoding="utf-8") == page
 
 
+def test_the_page_says_how_the_cuboids_bound_the_parts(page: str) -> None:
+    text = " ".join(" ".join(Page(page).words).split())
+    assert "25.00 % lay outside its cuboid before and 0.12 % does now" in text
+    assert "3 of 40 parts stick out" in text
+
+
 def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
-    bare = Category("stool", 0, 0, {}, NOTHING, NOTHING, {})
+    bare = Category("stool", 0, 0, {}, BOUNDING, NOTHING, NOTHING, NOTHING, {})
     write_page(tmp_path / "index.html", {"about": {}, "table1": {}, "table2": {}}, [bare], 48)
     parsed = Page((tmp_path / "index.html").read_text(encoding="utf-8"))
     assert parsed.open == []
@@ -228,6 +248,13 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         cage = Cage(shape.structure.parts(), (low + high) / 2, np.tile(np.eye(3), (len(low), 1, 1)), high - low)
         cages = tuple(scaled_cage(cage, np.array([1, 1 + 0.1 * i * t, 1])) for t in (0, 1, 2))
         sequences.append(Sequence(shape.shape_id, None, np.array([0, 0.5, 1]), (False, True, False), cages))
+    cages = {s.shape_id: s.cages[0] for s in sequences}
+    with artefact.write("cuboids", folder / "cuboids" / "stool", inputs={}, params=PARAMS) as out:
+        inside = np.zeros(5)
+        fits = {
+            name: FittedCage(cage, None, inside, inside, inside, inside + 1, 0.0, 0.0) for name, cage in cages.items()
+        }
+        write_cuboids(out, fits)
     with artefact.write("sequences", folder / "sequences" / "stool", inputs={}, params=PARAMS) as out:
         write_sequences(out, sequences, {s.shape_id: np.zeros((3, 5)) for s in sequences})
     for arm, steps in (("cagesdf", (0, 1)), ("deepsdf", (0,))):
@@ -263,8 +290,8 @@ def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
 
 
 def make(data: Path, name: str) -> tuple[Path, Path]:
-    scores, meshes, runs, shapes, sequences = (data / k for k in ("scores", "meshes", "runs", "shapes", "sequences"))
-    report.main(scores, meshes, runs, shapes, sequences, data / name / "metrics", data / name / "report", REPORT)
+    kinds = ("scores", "meshes", "runs", "shapes", "cuboids", "sequences")
+    report.main(*(data / kind for kind in kinds), data / name / "metrics", data / name / "report", REPORT)
     return data / name / "metrics" / "tables.json", data / name / "report" / "index.html"
 
 
@@ -273,8 +300,13 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
     content = json.loads(tables.read_text(encoding="utf-8"))
     assert set(content["table1"]["stool"]) == {"cagesdf", "deepsdf", "cage", "ground_truth"}
     assert set(content["table2"]["stool"]) == {"cagesdf"}
+    assert content["cuboids"]["stool"] == {
+        "outside_before": 0.0, "outside": 0.0, "volume_ratio": 1.0, "parts": 15, "unbounded": 0,
+    }  # fmt: skip
     parsed = Page(page.read_text(encoding="utf-8"))
-    assert parsed.images == 2 * 4 + 3 + 3 + 2, "two shapes compared; a sequence's cuboids, surfaces, reconstructions"
+    assert parsed.images == 2 + 2 * 4 + 3 + 3 + 2, (
+        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions"
+    )
     assert "3 shapes passed" in parsed.words
     assert "no faces" in parsed.words
     for first, again in zip((tables, page), make(data, "b")):
@@ -283,7 +315,9 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
 
 def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
     places = {"cagesdf": data / "meshes" / "stool" / "cagesdf"}
-    category = read_category(data / "shapes" / "stool", data / "sequences" / "stool", places, {}, 9)
+    category = read_category(
+        data / "shapes" / "stool", data / "cuboids" / "stool", data / "sequences" / "stool", places, {}, 9
+    )
     assert category.comparison.names == ("stool_0", "stool_1", "stool_2")
     heights = [np.ptp(scene.points()[:, 1]) for scene in category.sequence.scenes[1] if scene]
     assert heights[2] == pytest.approx(1.4 * heights[0])

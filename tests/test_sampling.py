@@ -8,7 +8,7 @@ from scipy.stats import ks_2samp, kstest
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
-from cagesdf.fitting import fit_cage
+from cagesdf.fitting.cages import fit_cage
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.sampling import Samples, sample_near, sample_points, uniform_in
 from cagesdf.solid import union
@@ -64,7 +64,7 @@ def test_the_density_does_not_depend_on_how_far_the_tree_is_refined(board: Surfa
 
 
 def test_points_in_cuboids_fill_them_evenly() -> None:
-    cage = fit_cage(toy.stool("a", lean=0.3), 0.01, 1e-3, 1e-6)[0]
+    cage = fit_cage(toy.stool("a", lean=0.3), 0.01, 1e-3, 1e-6, 10, np.random.default_rng(0)).cage
     points = uniform_in(cage, np.full(4000, 2), np.random.default_rng(0))
     unit = cage.to_unit(points, 2)
     for axis in range(3):
@@ -73,7 +73,7 @@ def test_points_in_cuboids_fill_them_evenly() -> None:
 
 def sampled(per_cuboid: int = 256, near: int = 3000, seed: int = 0) -> tuple[Samples, Cage, SurfaceDistance]:
     shape = toy.stool("a")
-    cage = fit_cage(shape, 0.01, 1e-3, 1e-6)[0]
+    cage = fit_cage(shape, 0.01, 1e-3, 1e-6, 10, np.random.default_rng(0)).cage
     surface = SurfaceDistance(union([part.mesh for part in shape.parts]))
     return sample_points(surface, cage, near, 500, per_cuboid, 60.0, 64, np.random.default_rng(seed)), cage, surface
 
@@ -112,7 +112,7 @@ def test_every_part_gets_its_minimum_and_no_point_of_another_kind_is_lost() -> N
 
 def test_uniform_points_fill_the_cube() -> None:
     shape = toy.stool("a")
-    cage = fit_cage(shape, 0.01, 1e-3, 1e-6)[0]
+    cage = fit_cage(shape, 0.01, 1e-3, 1e-6, 10, np.random.default_rng(0)).cage
     surface = SurfaceDistance(union([part.mesh for part in shape.parts]))
     samples = sample_points(surface, cage, 1, 6000, 0, 60.0, 64, np.random.default_rng(0))
     points = samples.points[~samples.near]

@@ -23,9 +23,9 @@ from pipeline import DeformParams, FitParams, MatchParams, SampleParams
 from pipeline.artefact import ArtefactError
 from stages import deform_sequences, fit_cuboids, match_targets, sample_points
 
-FIT = FitParams(format=1, slack=0.01, min_size=1e-3, margin=1e-6, max_rejected=0.1)
+FIT = FitParams(format=1, slack=0.01, min_size=1e-3, margin=1e-6, points=500, max_rejected=0.1, seed=6)
 MATCH = MatchParams(format=1, unmatched="drop", scale=(0.8, 1.25), max_rejected=0.5, seed=2)
-DEFORM = DeformParams(format=1, steps=6, held_out=(2, 3))
+DEFORM = DeformParams(format=1, steps=6, held_out=(2, 3), interpolation="cuboids", max_rejected=0.1)
 SAMPLE = SampleParams(format=1, near=400, uniform=100, per_cuboid=64, beta=60.0, shards=2, max_rejected=0.5, seed=3)
 SHAPES = [
     toy.stool("a"),

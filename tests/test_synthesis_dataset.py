@@ -8,7 +8,7 @@ import pytest
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
-from cagesdf.fitting import fit_cuboid
+from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.meshes import is_closed, join, sample_surface
 from cagesdf.shape import RawPart
 from cagesdf.solid import as_manifold, cage_surface, union

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cagesdf.fitting import fit_cuboid
+from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.meshes import is_closed, signed_volume
 from cagesdf.solid import as_manifold
 from cagesdf.synthesis import members, slabs, vessels

@@ -33,7 +33,7 @@ def test_a_profile_is_the_default_parameters_with_its_differences(root: Path) ->
     check(folder / "params.yaml")
     params, defaults = read(folder / "params.yaml"), read(root / "params.yaml")
     assert params["train"]["steps"] == read(root / "profiles" / "tiny.yaml")["train"]["steps"]
-    assert params["fit_cuboids"] == defaults["fit_cuboids"]
+    assert params["match_targets"] == defaults["match_targets"]
     assert (folder / params["run"]["code"]).resolve() == root
     assert read(folder / "dvc.yaml") == read(root / "dvc.yaml")
 

@@ -6,7 +6,9 @@ A category folder may mix
     <shape>/*.obj, .ply, .stl, .glb       one file a part
     <shape>.obj, <shape>.glb              one file, a part in each group or scene node
 
-and hold `train.txt` and `val.txt` with an id on each line (as does StructureNet's folder of
+each with a ShapeAssembly program in <anything>_programs/<shape>.txt if there is one: then its
+leaves are the shape's parts, whatever the other files call parts. A folder may also
+hold `train.txt` and `val.txt` with an id on each line (as does StructureNet's folder of
 hierarchies). With a train.txt, a shape that it doesn't list is for validation, since it may be
 of a test set; else the shapes in val.txt are; else none is.
 """
@@ -15,10 +17,14 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.formats.partnet import TREE, read_partnet
+from cagesdf.formats import shapeassembly, structurenet
+from cagesdf.formats.partnet import TREE, read_candidates, read_partnet
 from cagesdf.formats.parts_folder import SCENE_SUFFIXES, read_parts_file, read_parts_folder
-from cagesdf.formats.structurenet import SUFFIX, find_hierarchy
+from cagesdf.formats.shapeassembly import find_program, read_assembly
+from cagesdf.formats.structurenet import find_hierarchy
+from cagesdf.meshes import Mesh
 from cagesdf.shape import RawShape
 
 
@@ -30,6 +36,7 @@ class ShapeSource:
     split: str  # "train" or "val"
     path: Path  # its folder or file
     hierarchy: Path | None  # StructureNet's JSON
+    program: Path | None  # ShapeAssembly's text
 
 
 def list_shapes(folder: Path, include: str) -> list[ShapeSource]:
@@ -58,7 +65,7 @@ def list_shapes(folder: Path, include: str) -> list[ShapeSource]:
         return "val" if held_out else "train"
 
     return [
-        ShapeSource(shape_id, split(shape_id), path, find_hierarchy(folder, shape_id))
+        ShapeSource(shape_id, split(shape_id), path, find_hierarchy(folder, shape_id), find_program(folder, shape_id))
         for shape_id, path in sorted(places.items())
     ]
 
@@ -66,26 +73,41 @@ def list_shapes(folder: Path, include: str) -> list[ShapeSource]:
 def read_shape(source: ShapeSource) -> RawShape:
     """One shape as its files give it. Raises ShapeRejected with the reason if they can't be read."""
     try:
-        if source.path.is_file():
-            return read_parts_file(source.path, source.shape_id, source.split)
-        if (source.path / TREE).is_file():
-            return read_partnet(source.path, source.shape_id, source.split, source.hierarchy)
-        return read_parts_folder(source.path, source.shape_id, source.split)
+        if source.program is None:
+            return _read_parts(source)
+        return read_assembly(source.program, source.shape_id, source.split, *_read_candidates(source))
     except InputError as error:
         raise ShapeRejected(source.shape_id, "import_shapes", str(error)) from error
+
+
+def _read_parts(source: ShapeSource) -> RawShape:
+    if source.path.is_file():
+        return read_parts_file(source.path, source.shape_id, source.split)
+    if (source.path / TREE).is_file():
+        return read_partnet(source.path, source.shape_id, source.split, source.hierarchy)
+    return read_parts_folder(source.path, source.shape_id, source.split)
+
+
+def _read_candidates(source: ShapeSource) -> tuple[list[Candidate], dict[str, Mesh]]:
+    """What the leaves of a shape's program may stand for, and all its meshes."""
+    if (source.path / TREE).is_file():
+        return read_candidates(source.path)
+    parts = _read_parts(source).parts
+    candidates = [Candidate(part.part_id, part.label, (part.part_id,)) for part in parts]
+    return candidates, {part.part_id: part.mesh for part in parts}
 
 
 def _shape_id(path: Path) -> str | None:
     if path.name.startswith("."):
         return None
     if path.is_dir():
-        return None if path.name.endswith(SUFFIX) else path.name
+        return None if path.name.endswith((structurenet.SUFFIX, shapeassembly.SUFFIX)) else path.name
     return path.stem if path.suffix.lower() in SCENE_SUFFIXES else None
 
 
 def _read_ids(folder: Path, split: str) -> frozenset[str] | None:
     """The ids that a split's file lists, None if there is none; the category folder's wins over the hierarchies'."""
-    files = [folder / f"{split}.txt", *sorted(folder.glob(f"*{SUFFIX}/{split}.txt"))]
+    files = [folder / f"{split}.txt", *sorted(folder.glob(f"*{structurenet.SUFFIX}/{split}.txt"))]
     for path in files:
         if path.is_file():
             return frozenset(path.read_text(encoding="utf-8").split())

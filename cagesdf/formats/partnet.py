@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError
 from cagesdf.formats.obj import read_obj
 from cagesdf.formats.structurenet import read_hierarchy, read_json
-from cagesdf.meshes import join
+from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import MAX_DEPTH, MAX_NODES, Node, PartHierarchy
 
@@ -54,6 +55,22 @@ def read_partnet(folder: Path, shape_id: str, split: str, hierarchy: Path | None
         mesh = join([read_obj(meshes / f"{name}.obj") for name in objs])
         parts.append(RawPart(part_id, labels[part_id], mesh))
     return RawShape(shape_id, split, tuple(parts), structure)
+
+
+def read_candidates(folder: Path) -> tuple[list[Candidate], dict[str, Mesh]]:
+    """What the leaves of a shape's program may stand for, in preorder, and all meshes by name.
+
+    Each node of PartNet's tree with all meshes below it, then its remainder, labelled "other".
+    Raises InputError if a file is missing or broken.
+    """
+    tree = _read_tree(folder / TREE)
+    meshes = _mesh_folder(folder)
+    found: list[Candidate] = []
+    for entry in tree.walk():
+        found.append(Candidate(entry.node_id, entry.label, entry.objs))
+        if entry.children and entry.remainder():
+            found.append(Candidate(f"{REMAINDER}@{entry.node_id}", OTHER, entry.remainder()))
+    return found, {name: read_obj(meshes / f"{name}.obj") for name in tree.objs}
 
 
 def _mesh_folder(folder: Path) -> Path:

@@ -29,7 +29,8 @@ from cagesdf.io.metadata import Column, Layout
 from cagesdf.io.sequences import CAGES, sequence_rows, sequences_of
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
-from cagesdf.structure.hierarchy import PartHierarchy
+from cagesdf.structure.base import Structure
+from cagesdf.structure.stored import read_structure
 
 KIND = "run"
 VERSION = 1
@@ -44,11 +45,15 @@ LATENTS = Layout(
 )
 RUN_SHAPES = Layout(
     "run_shapes",
-    1,
+    2,
     (
         Column("shape_id", pa.string(), "unique in its category"),
         Column("similarity", pa.list_(pa.float64()), "raw → canonical: scale, rotation by rows, translation"),
-        Column("structure", pa.string(), "part hierarchy as StructureNet's JSON, canonical frame"),
+        Column(
+            "structure",
+            pa.string(),
+            "JSON: a part hierarchy as StructureNet's, or a program and its placement; canonical",
+        ),
     ),
     {"frame": "canonical"},
 )
@@ -61,7 +66,7 @@ class Run:
     decoder: nn.Module  # in eval mode, its parameters without gradients
     latents: LatentTable
     sequences: Mapping[str, Sequence]  # by shape id, held-out steps too
-    structures: Mapping[str, PartHierarchy]  # by shape id
+    structures: Mapping[str, Structure]  # by shape id
     similarities: Mapping[str, Similarity]  # by shape id, raw → canonical
     params: Mapping[str, Any]  # the arm's section of params.yaml
     points: Mapping[str, int]  # how many points were "sampled", and "used" (by points_of, reach, steps_of)
@@ -122,7 +127,7 @@ def read_run(folder: Path, device: torch.device | str = "cpu") -> Run:
         _read_decoder(folder / "weights.safetensors", arm["params"]).to(device),
         latents.to(device).requires_grad_(False),
         sequences_of(CAGES.read(folder / "cages.parquet")),
-        {shape_id: PartHierarchy.from_json(row["structure"]) for shape_id, row in shapes.items()},
+        {shape_id: read_structure(row["structure"]) for shape_id, row in shapes.items()},
         {shape_id: Similarity.from_numbers(row["similarity"]) for shape_id, row in shapes.items()},
         arm["params"],
         arm["points"],

@@ -1,7 +1,8 @@
 """`shapes/`: closed part meshes, structures and similarities.
 
-shapes.parquet   one row a shape
-parts.parquet    one row a part, one row group a shape, in the order of shapes.parquet
+shapes.parquet     one row a shape
+parts.parquet      one row a part, one row group a shape, in the order of shapes.parquet
+alignment.parquet  one row a part of a shape with a program: which meshes it is
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,13 +17,14 @@ from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.io.metadata import COMPRESSION, Column, Layout
 from cagesdf.meshes import Mesh
-from cagesdf.shape import Part, Repair, Shape
-from cagesdf.structure.hierarchy import PartHierarchy
+from cagesdf.shape import AlignedPart, Part, Repair, Shape
+from cagesdf.structure.base import Structure
+from cagesdf.structure.stored import read_structure
 
 KIND = "shapes"
 SHAPES = Layout(
     "shapes",
-    1,
+    2,
     (
         Column("shape_id", pa.string(), "unique in its category"),
         Column("split", pa.string(), "train or val"),
@@ -30,7 +32,11 @@ SHAPES = Layout(
         Column("parts", pa.int32(), "number of parts"),
         Column("faces", pa.int32(), "faces of all parts together"),
         Column("similarity", pa.list_(pa.float64()), "raw → canonical: scale, rotation by rows, translation"),
-        Column("structure", pa.string(), "part hierarchy as StructureNet's JSON, canonical frame"),
+        Column(
+            "structure",
+            pa.string(),
+            "JSON: a part hierarchy as StructureNet's, or a program and its placement; canonical",
+        ),
     ),
     {"frame": "canonical"},
 )
@@ -49,6 +55,19 @@ PARTS = Layout(
         Column("faces", pa.list_(pa.int32()), "three vertex indices of each face in turn, outwards"),
     ),
     {"frame": "canonical"},
+)
+ALIGNMENT = Layout(
+    "alignment",
+    1,
+    (
+        Column("shape_id", pa.string(), "the shape it belongs to"),
+        Column("part_id", pa.string(), "a leaf of the shape's program"),
+        Column("node_id", pa.string(), "node of the part tree that it was matched to, empty if none was"),
+        Column("label", pa.string(), "that node's"),
+        Column("objs", pa.list_(pa.string()), "names of the node's meshes"),
+        Column("leftovers", pa.list_(pa.string()), "names of further meshes that lie in its cuboid"),
+        Column("iou", pa.float64(), "of the leaf's cuboid and the node's box along its axes, both padded"),
+    ),
 )
 
 
@@ -73,6 +92,10 @@ def write_shapes(folder: Path, shapes: Iterable[Shape]) -> None:
     with pq.ParquetWriter(folder / "parts.parquet", PARTS.schema(), **COMPRESSION) as writer:
         for shape in shapes:
             writer.write_table(PARTS.table([_part_row(shape.shape_id, part) for part in shape.parts]))
+    ALIGNMENT.write(
+        folder / "alignment.parquet",
+        [{"shape_id": shape.shape_id, **vars(part)} for shape in shapes for part in shape.alignment],
+    )
 
 
 def _part_row(shape_id: str, part: Part) -> dict[str, Any]:
@@ -103,6 +126,14 @@ class ShapeFolder:
     def _parts(self) -> pq.ParquetFile:
         return PARTS.open(self.folder / "parts.parquet")
 
+    @cached_property
+    def _alignments(self) -> dict[str, tuple[AlignedPart, ...]]:
+        found: dict[str, tuple[AlignedPart, ...]] = {}
+        for row in ALIGNMENT.read(self.folder / "alignment.parquet"):
+            shape_id, objs, leftovers = row.pop("shape_id"), tuple(row.pop("objs")), tuple(row.pop("leftovers"))
+            found[shape_id] = (*found.get(shape_id, ()), AlignedPart(**row, objs=objs, leftovers=leftovers))
+        return found
+
     def __getstate__(self) -> dict[str, Any]:
         return {"folder": self.folder}
 
@@ -115,9 +146,13 @@ class ShapeFolder:
         """Ids of the shapes of one split, sorted."""
         return tuple(shape_id for shape_id, row in self._rows.items() if row["split"] == split)
 
-    def structure(self, shape_id: str) -> PartHierarchy:
+    def structure(self, shape_id: str) -> Structure:
         """The structure of one shape, without reading its meshes."""
-        return PartHierarchy.from_json(self._row(shape_id)["structure"])
+        return read_structure(self._row(shape_id)["structure"])
+
+    def alignment(self, shape_id: str) -> tuple[AlignedPart, ...]:
+        """What the leaves of a shape's program were matched to, without reading meshes; empty without a program."""
+        return self._alignments.get(shape_id, ())
 
     def similarity(self, shape_id: str) -> Similarity:
         """The similarity of one shape, without reading its meshes."""
@@ -144,7 +179,9 @@ class ShapeFolder:
                 table.drop_columns(["vertices", "faces"]).to_pylist(), numbers["vertices"], numbers["faces"]
             )
         )
-        return Shape(shape_id, row["split"], parts, self.structure(shape_id), self.similarity(shape_id))
+        return Shape(
+            shape_id, row["split"], parts, self.structure(shape_id), self.similarity(shape_id), self.alignment(shape_id)
+        )
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -9,6 +9,7 @@ import numpy as np
 from cagesdf.cuboid import Cage
 from cagesdf.cuboid import Sequence as Deformation
 from cagesdf.deformation import deform_shape
+from cagesdf.io.cuboids import read_bounding, read_cages
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.rejected import read_rejected
@@ -19,10 +20,11 @@ from cagesdf.rendering import CLAY, PART_COLOURS, Scene
 from cagesdf.report.figures import in_order
 from cagesdf.report.page import Category, Grid
 from cagesdf.shape import Shape
+from cagesdf.structure.assembly import Assembly
 
 
 def read_category(
-    shapes: Path, sequences: Path, meshes: Mapping[str, Path], runs: Mapping[str, Path], count: int
+    shapes: Path, cuboids: Path, sequences: Path, meshes: Mapping[str, Path], runs: Mapping[str, Path], count: int
 ) -> Category:
     """Gather one category from its artefacts, those of the arms by arm; it is named like `shapes`' folder.
 
@@ -40,12 +42,28 @@ def read_category(
         status.count("passed"),
         status.count("repaired"),
         read_rejected(shapes),
+        read_bounding(cuboids),
+        fitting(source, read_cages(cuboids), compared),
         comparison(source, deformations, arms, compared),
         deformation(source, deformations[_liveliest(deformations, arms)], arms)
         if deformations
         else Grid((), (), (), ()),
         {arm: read_losses(runs[arm]) for arm in in_order(runs)},
     )
+
+
+def fitting(source: ShapeFolder, cages: Mapping[str, Cage], ids: Sequence[str]) -> Grid:
+    """One row a shape: its parts in the cuboids of its program as it was given, if it has one, and as fitted."""
+    given, fitted = [], []
+    for shape_id in ids:
+        shape = source.read(shape_id)
+        meshes, colours = tuple(part.mesh for part in shape.parts), part_colours(shape)
+        placed = shape.structure.placed_program()
+        given.append(Scene(meshes, colours, Assembly(*placed).cage(), colours) if placed else None)
+        fitted.append(Scene(meshes, colours, cages[shape_id], colours))
+    if not any(given):
+        return Grid(("fitted",), (False,), tuple(ids), tuple((scene,) for scene in fitted))
+    return Grid(("as given", "fitted"), (False, False), tuple(ids), tuple(zip(given, fitted)))
 
 
 def comparison(

@@ -33,6 +33,8 @@ class Category:
     passed: int  # shapes whose parts were closed as they came
     repaired: int  # shapes of which a part had to be made closed
     rejected: Mapping[str, str]  # reasons by shape id
+    bounding: Mapping[str, float]  # see io.cuboids.read_bounding
+    fitting: Grid  # shapes × (cuboids as given, fitted)
     comparison: Grid  # shapes × (cuboids, ground truth, arms)
     sequence: Grid  # (ground truth, arms) × steps of one deformation
     losses: Mapping[str, Curve]  # by arm
@@ -43,8 +45,9 @@ def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Categ
 
     Pictures are `size` pixels square. A missing category or arm leaves its place out.
     """
-    grids = [grid for category in categories for grid in (category.comparison, category.sequence)]
+    grids = [grid for category in categories for grid in (category.fitting, category.comparison, category.sequence)]
     pictures, drawn_by = _draw(grids, size)
+    filled = iter([_filled(grid, images) for grid, images in zip(grids, pictures)])
     names = [category.name for category in categories]
     environment = Environment(
         loader=PackageLoader("cagesdf.report", "."),
@@ -68,11 +71,12 @@ def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Categ
             {
                 "category": category,
                 "tables": [_details(tables[key], category.name) for key in ("table1", "table2")],
-                "comparison": _filled(category.comparison, pictures[2 * i]),
-                "sequence": _filled(category.sequence, pictures[2 * i + 1]),
+                "fitting": next(filled),
+                "comparison": next(filled),
+                "sequence": next(filled),
                 "chart": loss_chart({arm: category.losses[arm] for arm in figures.in_order(category.losses)}),
             }
-            for i, category in enumerate(categories)
+            for category in categories
         ],
         drawn_by=drawn_by,
     )

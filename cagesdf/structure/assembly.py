@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.structure.base import Structure
-from cagesdf.structure.canonical import node_signatures
+from cagesdf.structure.canonical import Fact, fact, node_signatures
 from cagesdf.structure.executor import execute, execute_nodes
+from cagesdf.structure.parsing import parse
 from cagesdf.structure.program import (
     AXES,
     BBOX,
@@ -22,8 +25,9 @@ from cagesdf.structure.program import (
     Member,
     Reflect,
     Squeeze,
+    Statement,
     Translate,
-    parse,
+    numbers_of,
 )
 from cagesdf.structure.relations import Adjacency, Reflection, Relation, Translation, Vector
 
@@ -45,9 +49,26 @@ class Assembly(Structure):
         """Another program in the same place."""
         return Assembly(program, self.placement)
 
-    def assembly(self) -> "Assembly":
-        """Itself: the cuboids follow from the program."""
-        return self
+    def parameters_of(self, other: "Assembly", pairs: tuple[tuple[str, str], ...]) -> Float[ndarray, " t"]:
+        """Another program's continuous parameters, in the order of this one's.
+
+        `pairs` are corresponding parts, ours first: programs of equal signature may name and order
+        things otherwise. Raises ValueError if the programs say different things of the pairs.
+        """
+        names = {ROOT: ROOT}
+        for ours, theirs in pairs:
+            names |= zip(_line(ours), _line(theirs))
+        numbers: dict[str, list[float]] = {}  # by our block; copies share one
+        for node, (block, members) in self._nodes.items():
+            if block.name not in numbers:
+                local = {member.name: names[below(node, member.name)].rpartition("/")[2] for member in members}
+                there, _ = other._nodes[names[node]]
+                numbers[block.name] = _in_order(block, there, {BBOX: BBOX, **local})
+        return np.array([number for block in self.program.blocks for number in numbers[block.name]])
+
+    def placed_program(self) -> tuple[AssemblyProgram, Similarity]:
+        """Program and placement."""
+        return self.program, self.placement
 
     def transformed(self, similarity: Similarity) -> "Assembly":
         """The same program, placed elsewhere."""
@@ -108,16 +129,37 @@ class Assembly(Structure):
     @staticmethod
     def from_json(text: str) -> "Assembly":
         """Undo `to_json`. Raises InputError for anything else."""
-        content = json.loads(text)
         try:
+            content = json.loads(text)
             return Assembly(parse(content["program"]), Similarity.from_numbers(content["placement"]))
-        except (KeyError, TypeError, IndexError) as error:
+        except (KeyError, TypeError, IndexError, json.JSONDecodeError) as error:
             raise InputError(f"structure: wanted a program and its placement, got {text[:60]} ({error!r})") from error
 
 
 def below(node: str, name: str) -> str:
     """The id of a node's cuboid."""
     return name if node == ROOT else f"{node}/{name}"
+
+
+def _line(part: str) -> list[str]:
+    """Ids of the nodes down to a part, the root left out."""
+    names = part.split("/")
+    return ["/".join(names[: i + 1]) for i in range(len(names))]
+
+
+def _in_order(block: Block, other: Block, names: Mapping[str, str]) -> list[float]:
+    """Another block's parameters in the order of a block's, whose cuboids are called `names` there."""
+    waiting: dict[Fact, list[Statement]] = {}
+    for statement in other.statements:
+        waiting.setdefault(fact(statement), []).append(statement)
+    found = [*other.size]
+    for statement in block.statements:
+        kind, cuboids = fact(statement)
+        same = waiting.get((kind, tuple(names[name] for name in cuboids)))
+        if not same:
+            raise ValueError(f"block {other.name} says nothing like {statement} of {names}")
+        found += numbers_of(same.pop(0))
+    return found
 
 
 def _relations(node: str, block: Block, members: tuple[Member, ...], cuboids: Mapping[str, Cuboid]) -> list[Relation]:

@@ -1,13 +1,10 @@
 """What a stage may ask of a structure, whatever holds the parts together."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Self
 
 from cagesdf.frames import Similarity
+from cagesdf.structure.program import AssemblyProgram
 from cagesdf.structure.relations import Relation
-
-if TYPE_CHECKING:
-    from cagesdf.structure.assembly import Assembly
 
 
 class Structure(ABC):
@@ -30,11 +27,11 @@ class Structure(ABC):
         """Attachments and symmetries between siblings."""
 
     @abstractmethod
-    def transformed(self, similarity: Similarity) -> Self:
+    def transformed(self, similarity: Similarity) -> "Structure":
         """The same structure, whatever lengths and places it holds taken through a similarity."""
 
-    def assembly(self) -> "Assembly | None":
-        """The program that its cuboids follow from; None where they are free of each other."""
+    def placed_program(self) -> tuple[AssemblyProgram, Similarity] | None:
+        """The program that its cuboids follow from, and program → canonical; None where they are free of each other."""
         return None
 
     @abstractmethod

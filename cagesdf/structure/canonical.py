@@ -4,8 +4,10 @@ Exactly: the same text but for the numbers. Canonically: also if cuboids are nam
 statements come in another order.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 from cagesdf.structure.program import (
     BBOX,
@@ -26,7 +28,7 @@ Colours = dict[str, int]  # by cuboid; two have the same as long as nothing tell
 def exact_signature(program: AssemblyProgram) -> str:
     """A text that two programs share if they differ in continuous parameters alone."""
     return ";".join(
-        f"{block.name}:" + ",".join(f"{kind}({' '.join(names)})" for kind, names in map(_fact, block.statements))
+        f"{block.name}:" + ",".join(f"{kind}({' '.join(names)})" for kind, names in map(fact, block.statements))
         for block in program.blocks
     )
 
@@ -60,10 +62,9 @@ def node_signatures(program: AssemblyProgram, root: str) -> dict[str, str]:
     signatures = {root: canonical_signature(program)}
 
     def visit(prefix: str, block: Block) -> None:
-        colours = _refined(block, _initial(program, block))
+        colours = _refined(_facts(block), _initial(block, _inside(program, block)))
         for member in block.members():
-            by = "" if member.copied_by is None else f"{_fact(member.copied_by)[0]} {member.number}"
-            signatures[prefix + member.name] = f"{colours[member.original]} {by}".rstrip()
+            signatures[prefix + member.name] = str(colours[member.name])
             inside = program.block(member.original)
             if inside is not None:
                 visit(f"{prefix}{member.name}/", inside)
@@ -72,7 +73,8 @@ def node_signatures(program: AssemblyProgram, root: str) -> dict[str, str]:
     return signatures
 
 
-def _fact(statement: Statement) -> Fact:
+def fact(statement: Statement) -> Fact:
+    """What a statement says but for its numbers, and of which cuboids."""
     match statement:
         case Declare():
             return f"Cuboid {statement.aligned}", (statement.name,)
@@ -86,18 +88,37 @@ def _fact(statement: Statement) -> Fact:
             return f"translate {statement.axis} {statement.count}", (statement.a,)
 
 
+def _facts(block: Block) -> list[Fact]:
+    """What a block's statements say; those that copy say it of the copies too, in order."""
+    copies = iter([member.name for member in block.members() if member.copied_by is not None])
+    facts: list[Fact] = []
+    for statement in block.statements:
+        match statement:
+            case Reflect():
+                made = 1
+            case Translate():
+                made = statement.count
+            case _:
+                made = 0
+        kind, names = fact(statement)
+        facts.append((kind, (*names, *islice(copies, made))))
+    return facts
+
+
 def _signature(program: AssemblyProgram, block: Block) -> str:
-    colours = _refined(block, _initial(program, block))
+    facts, inside = _facts(block), _inside(program, block)
+    colours = _refined(facts, _initial(block, inside))
     while len(set(colours.values())) < len(colours):
         # Name one of the cuboids that are alike first: whichever, if they are truly alike.
-        counts = [list(colours.values()).count(colour) for colour in colours.values()]
-        tied = min(colour for colour, count in zip(colours.values(), counts) if count > 1)
+        tied = min(colour for colour, count in Counter(colours.values()).items() if count > 1)
         chosen = next(name for name, colour in colours.items() if colour == tied)
-        colours = _refined(block, _ranked({name: (colour, name != chosen) for name, colour in colours.items()}))
-    facts = sorted((kind, [colours[name] for name in names]) for kind, names in map(_fact, block.statements))
-    inside = {colours[name]: text for name, text in _inside(program, block).items()}
-    said = ",".join(f"{kind}({' '.join(map(str, numbers))})" for kind, numbers in facts)
-    return said + "".join(f",{colour}:[{inside[colour]}]" for colour in sorted(inside))
+        colours = _refined(facts, _ranked({name: (colour, name != chosen) for name, colour in colours.items()}))
+    said = sorted((kind, [colours[name] for name in names]) for kind, names in facts)
+    filled = sorted((colours[name], text) for name, text in inside.items())
+    return ",".join(
+        [f"{kind}({' '.join(map(str, numbers))})" for kind, numbers in said]
+        + [f"{colour}:[{text}]" for colour, text in filled]
+    )
 
 
 def _inside(program: AssemblyProgram, block: Block) -> dict[str, str]:
@@ -106,37 +127,28 @@ def _inside(program: AssemblyProgram, block: Block) -> dict[str, str]:
     return {name: _signature(program, filling) for name, filling in blocks.items() if filling is not None}
 
 
-def _initial(program: AssemblyProgram, block: Block) -> Colours:
-    """Colours from what a cuboid is by itself; copies, and the bbox, have their own."""
-    inside = _inside(program, block)
-    keys: dict[str, tuple] = {BBOX: (0, "", "")}
+def _initial(block: Block, inside: Mapping[str, str]) -> Colours:
+    """Colours from what a cuboid is by itself: the bbox, a declared one and what fills it, or a copy."""
+    keys: dict[str, tuple] = {BBOX: (0, "")}
     for member in block.members():
-        if member.copied_by is None:
-            keys[member.name] = (1, "", inside.get(member.name, ""))
-        else:
-            keys[member.name] = (2, f"{_fact(member.copied_by)[0]} {member.number}", "")
+        keys[member.name] = (1, inside.get(member.name, "")) if member.copied_by is None else (2, "")
     return _ranked(keys)
 
 
-def _refined(block: Block, colours: Colours) -> Colours:
+def _refined(facts: Sequence[Fact], colours: Colours) -> Colours:
     """Tell cuboids apart by what is said of them and of which others, until nothing new comes up."""
-    facts = list(map(_fact, block.statements))
-    facts += [("copy", (member.name, member.original)) for member in block.members() if member.copied_by is not None]
     while True:
         said: dict[str, list[tuple]] = {name: [] for name in colours}
         for kind, names in facts:
+            numbers = [colours[name] for name in names]
             for place, name in enumerate(names):
-                said[name].append((kind, place, *(colours[other] for other in names)))
-        finer = _ranked({name: (colour, sorted(said[name])) for name, colour in colours.items()})
+                said[name].append((kind, place, *numbers))
+        finer = _ranked({name: (colour, *sorted(said[name])) for name, colour in colours.items()})
         if len(set(finer.values())) == len(set(colours.values())):
             return finer
         colours = finer
 
 
 def _ranked(keys: Mapping[str, tuple]) -> Colours:
-    order = sorted(set(map(_frozen, keys.values())))
-    return {name: order.index(_frozen(key)) for name, key in keys.items()}
-
-
-def _frozen(key: tuple) -> tuple:
-    return tuple(tuple(item) if isinstance(item, list) else item for item in key)
+    rank = {key: i for i, key in enumerate(sorted(set(keys.values())))}
+    return {name: rank[key] for name, key in keys.items()}

@@ -7,8 +7,8 @@ more than the sums done in them. A cuboid's axes are three unit vectors, its loc
 Every block is executed in its own frame: its bbox is centred there and has the frame's axes.
 """
 
+import math
 from collections import deque
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -30,21 +30,32 @@ from cagesdf.structure.program import (
     Translate,
     copy_name,
 )
+from cagesdf.structure.vectors import (
+    ORIGIN,
+    UPRIGHT,
+    Axes,
+    Number,
+    Vector,
+    add,
+    cross,
+    dot,
+    is_zero,
+    length,
+    rotated,
+    scaled,
+    sub,
+    turned,
+    with_number,
+)
 
-Number = Any  # float or Jet
-Vector = tuple[Number, Number, Number]
-Axes = tuple[Vector, Vector, Vector]
-
-UPRIGHT: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-ORIGIN: Vector = (0.0, 0.0, 0.0)
 AXIS_ORDER = (1, 2, 0)  # height, width, length: in which ties between axes are decided
 
-MET = 1e-4  # points closer than this have met
+MET = 1e-4  # points closer than this have met; a shorter vector has no direction
 ALIKE = 0.01  # points, vectors closer than this count as equal where a third point is attached
 ALONG = 0.9  # least cosine between an axis and the way to go along it
 NEAR = 0.05  # share of the largest length: a smaller gap is not grown over
-NONZERO = 1e-8  # added to denominators
-TIE = 1e-9  # lattice points whose distances differ by less are equally near
+VANISHING = 1e-6  # share of a cuboid's reach: a goal nearer to its first anchor is that anchor
+TIE = 1e-9  # distances that differ by less are equal: then the first counts
 LATTICE = 10  # points along each axis of a cuboid, between which the nearest pair is sought
 TICKS = [i / (LATTICE - 1) for i in range(LATTICE)]
 LATTICE_PLACES: list[Vector] = [(x, y, z) for z in TICKS for y in TICKS for x in TICKS]
@@ -94,7 +105,8 @@ def differentiate(program: AssemblyProgram) -> tuple[Cage, Float[ndarray, "p 15 
     derivative is that of the piece that the parameters lie in. Raises ProgramError as `execute`.
     """
     parameters = program.parameters()
-    nodes = _nodes(program.with_parameters(seed(parameters)))
+    with np.errstate(over="ignore", invalid="ignore"):  # what isn't finite is refused below
+        nodes = _nodes(program.with_parameters(seed(parameters)))
     leaves = {path: body for path, body, is_leaf in nodes if is_leaf}
     slopes = np.zeros((len(leaves), 15, len(parameters)))
     for i, body in enumerate(leaves.values()):
@@ -126,10 +138,11 @@ def _nodes(program: AssemblyProgram) -> list[tuple[str, Body, bool]]:
     nodes: list[tuple[str, Body, bool]] = []
     waiting: deque[tuple[Block, Body, str, int | None]] = deque([(root, Body(BBOX, root.size, True), "", None)])
     try:
+        bodies = {block.name: _run(block) for block in program.blocks}
         while waiting:
             block, filled, path, mirror = waiting.popleft()
-            for body in _run(block):
-                _place_in(body, filled, block.size, mirror)
+            for own in bodies[block.name]:
+                body = _placed_in(own, filled, block.size, mirror)
                 inside = blocks.get(body.original)
                 nodes.append((path + body.name, body, inside is None))
                 if inside is not None:
@@ -139,22 +152,26 @@ def _nodes(program: AssemblyProgram) -> list[tuple[str, Body, bool]]:
     return nodes
 
 
-def _place_in(body: Body, filled: Body, size: Vector, mirror: int | None) -> None:
-    """Take a cuboid from its block's frame to that of the cuboid which the block fills.
+def _placed_in(body: Body, filled: Body, size: Vector, mirror: int | None) -> Body:
+    """A cuboid of a block in the frame of the cuboid which the block fills.
 
-    Lengths scale with the filled cuboid; offsets do not.
+    Lengths scale with the filled cuboid; offsets do not. `mirror` reaches no further than this
+    block: blocks within a mirrored one are turned with their cuboid, as in the official executor.
     """
+    centre, axes = body.centre, body.axes
     if mirror is not None:
-        x, y, z = body.centre
-        body.centre = (-x if mirror == 0 else x, -y if mirror == 1 else y, -z if mirror == 2 else z)
-        body.axes = tuple(
-            (x if mirror == 0 else -x, y if mirror == 1 else -y, z if mirror == 2 else -z) for x, y, z in body.axes
-        )  # type: ignore[assignment]
-    body.size = tuple(own * whole / block for own, whole, block in zip(body.size, filled.size, size))  # type: ignore[assignment]
-    body.centre = _add(_turned(body.centre, filled.axes), filled.centre)
+        # Without the sign the mirrored axes would be left-handed.
+        centre = with_number(centre, mirror, -centre[mirror])
+        axes = tuple(with_number((-x, -y, -z), mirror, (x, y, z)[mirror]) for x, y, z in axes)  # type: ignore[assignment]
     if filled.axes is not UPRIGHT:
-        x, y, z = body.axes
-        body.axes = (_turned(x, filled.axes), _turned(y, filled.axes), _turned(z, filled.axes))
+        x, y, z = axes
+        axes = (turned(x, filled.axes), turned(y, filled.axes), turned(z, filled.axes))
+    length, height, width = (own * whole / block for own, whole, block in zip(body.size, filled.size, size))
+    placed = Body(body.name, (length, height, width), body.aligned)
+    placed.centre = add(turned(centre, filled.axes), filled.centre)
+    placed.axes = axes
+    placed.original, placed.mirror = body.original, body.mirror
+    return placed
 
 
 def _run(block: Block) -> list[Body]:
@@ -190,15 +207,15 @@ def _reflect(bodies: dict[str, Body], body: Body, axis: int) -> None:
     copy = _copy(bodies, body)
     copy.mirror = axis
     for q, target in body.moves:
-        point = _with(_point(body, q), axis, -_point(body, q)[axis])
-        _attach(copy, bodies[target], _with(q, axis, 1.0 - q[axis]), _clamped(_place(bodies[target], point)))
+        point = with_number(_point(body, q), axis, -_point(body, q)[axis])
+        _attach(copy, bodies[target], with_number(q, axis, 1.0 - q[axis]), _clamped(_place(bodies[target], point)))
 
 
 def _translate(bodies: dict[str, Body], body: Body, axis: int, way: Number) -> None:
     copy = _copy(bodies, body)
     for q, target in body.moves:
         point = _point(body, q)
-        point = _with(point, axis, point[axis] + way)
+        point = with_number(point, axis, point[axis] + way)
         _attach(copy, bodies[target], q, _clamped(_place(bodies[target], point)))
 
 
@@ -212,7 +229,7 @@ def _attach(a: Body, b: Body, at_a: Vector, at_b: Vector) -> None:
     goal = _point(b, at_b)
     b.anchors.append((at_b, goal))
     if not a.anchors:
-        a.centre = _add(a.centre, _sub(goal, _point(a, at_a)))
+        a.centre = add(a.centre, sub(goal, _point(a, at_a)))
     elif a.aligned:
         _grow(a, b)
     elif len(a.anchors) == 1:
@@ -224,100 +241,102 @@ def _attach(a: Body, b: Body, at_a: Vector, at_b: Vector) -> None:
 
 
 def _second(a: Body, at: Vector, goal: Vector) -> None:
-    """Turn and stretch a cuboid that is held at one point, so that another place meets `goal`."""
+    """Turn and stretch a cuboid that is held at one point, so that another place meets `goal`.
+
+    Nothing but a length of 0 brings two places together at one point: then it stays as it is.
+    """
     held, pin = a.anchors[0]
     begin = _point(a, at)
-    if _length(_sub(begin, goal)) < MET:
+    if length(sub(begin, goal)) < MET:
         return
-    distance = _length(_sub(goal, pin))
-    offset = _sub(begin, pin)
-    arms = [_sub(_arm(a, at, k), _arm(a, held, k)) for k in range(3)]
-    growths: list[tuple[float, int, int, Number]] = []
+    distance = length(sub(goal, pin))
+    offset = sub(begin, pin)
+    if distance <= VANISHING * length(offset):
+        return
+    arms = [sub(_arm(a, at, k), _arm(a, held, k)) for k in range(3)]
+    growths: list[tuple[int, Number]] = []
     for k in AXIS_ORDER:
-        if _size(_arm(a, at, k)) + _size(_arm(a, held, k)) < MET:
-            continue
         growth = _growth(arms[k], offset, distance)
         if growth is not None:
-            growths.append((abs(float(growth)), len(growths), k, growth))
+            growths.append((k, growth))
     if growths:
-        _, _, k, growth = min(growths, key=lambda item: item[:2])
-        a.size = _with(a.size, k, a.size[k] + growth)
+        least = min(abs(float(growth)) for _, growth in growths) + TIE
+        k, growth = next(item for item in growths if abs(item[1]) <= least)
+        a.size = with_number(a.size, k, a.size[k] + growth)
     else:
-        growth = _growth(_add(_add(arms[0], arms[1]), arms[2]), offset, distance)
+        growth = _growth(add(add(arms[0], arms[1]), arms[2]), offset, distance)
         if growth is not None:
             a.size = (a.size[0] + growth, a.size[1] + growth, a.size[2] + growth)
     _pin(a, held, pin)
-    old, new = _sub(_point(a, at), pin), _sub(goal, pin)
-    if _is_zero(old) or _is_zero(new) or _length(_sub(old, new)) < MET:
+    old, new = sub(_point(a, at), pin), sub(goal, pin)
+    if is_zero(old) or length(sub(old, new)) < MET:
         return
     _turn(a, old, new)
     _pin(a, held, pin)
 
 
 def _growth(arm: Vector, offset: Vector, distance: Number) -> Number | None:
-    """By how much a length must change so that `offset` + growth · `arm` has the length `distance`."""
-    a, b, c = _dot(arm, arm), 2 * _dot(arm, offset), _dot(offset, offset) - distance * distance
+    """By how much a length must change so that `offset` + growth · `arm` has the length `distance`, if it can."""
+    a, b, c = dot(arm, arm), 2 * dot(arm, offset), dot(offset, offset) - distance * distance
+    if a < MET * MET:
+        return None
     discriminant = b * b - 4 * a * c
-    return (discriminant**0.5 - b) / (2 * a + NONZERO) if discriminant > 0 else None
+    return (discriminant**0.5 - b) / (2 * a) if discriminant > 0 else None
 
 
 def _general(a: Body, at: Vector, goal: Vector) -> None:
     """Turn a cuboid about the line of its first two anchors, then stretch it towards `goal`."""
     first = a.anchors[0][1]
-    line = _sub(a.anchors[1][1], first)
-    if len(a.anchors) == 2 or all(_length(_cross(_sub(g, first), line)) <= ALIKE for _, g in a.anchors):
+    line = sub(a.anchors[1][1], first)
+    if len(a.anchors) == 2 or all(length(cross(sub(g, first), line)) <= ALIKE for _, g in a.anchors):
         _orient(a, at, goal)
     _stretch(a, at, goal)
 
 
 def _orient(a: Body, at: Vector, goal: Vector) -> None:
+    """Turn a cuboid about the line of its first two anchors, so that a place comes as near to `goal` as that goes."""
     held, first = a.anchors[0]
-    way = _sub(first, a.anchors[1][1])
-    axis = _scaled(way, 1 / (_length(way) + NONZERO))
-    begin = _point(a, at)
-
-    def onto_plane(point: Vector) -> Vector:
-        return _add(point, _scaled(axis, _dot(_sub(begin, point), axis) / (_dot(axis, axis) + NONZERO)))
-
-    foot = onto_plane(first)
-    old, new = _sub(begin, foot), _sub(onto_plane(goal), foot)
-    a2, c = _dot(old, old), _dot(old, old) - _dot(new, new)
-    b2 = 2 * a2
-    discriminant = b2 * b2 - 4 * a2 * c
-    if discriminant >= 0:
-        old = _scaled(old, 1 + (discriminant**0.5 - b2) / (2 * a2 + NONZERO))
-    if _is_zero(old) or _is_zero(new) or _length(_sub(old, new)) < ALIKE:
+    way = sub(first, a.anchors[1][1])
+    if length(way) < MET:
         return
-    cosine = _dot(_scaled(old, 1 / (_length(old) + NONZERO)), _scaled(new, 1 / (_length(new) + NONZERO)))
-    sine = (1 - cosine * cosine) ** 0.5 if abs(cosine) < 1 else 0.0
-    if _length(_sub(_rotated(old, axis, cosine, sine), new)) > ALIKE:
-        sine = -sine
+    axis = scaled(way, 1 / length(way))
+    old, new = (_across(sub(point, first), axis) for point in (_point(a, at), goal))
+    radius, reach = length(old), length(new)
+    if radius < MET or reach < MET or length(sub(scaled(old, reach / radius), new)) < ALIKE:
+        return
+    scale = 1 / (radius * reach)
+    cosine, sine = dot(old, new) * scale, dot(axis, cross(old, new)) * scale
     x, y, z = a.axes
     a.axes = (
-        _rotated(x, axis, cosine, sine),
-        _rotated(y, axis, cosine, sine),
-        _rotated(z, axis, cosine, sine),
+        rotated(x, axis, cosine, sine),
+        rotated(y, axis, cosine, sine),
+        rotated(z, axis, cosine, sine),
     )
     _pin(a, held, first)
 
 
+def _across(v: Vector, axis: Vector) -> Vector:
+    """What remains of a vector without its share along a unit vector."""
+    return sub(v, scaled(axis, dot(v, axis)))
+
+
 def _stretch(a: Body, at: Vector, goal: Vector) -> None:
     held, pin = a.anchors[0]
-    way = _sub(goal, _point(a, at))
-    length = _length(way)
-    if length < ALIKE:
+    way = sub(goal, _point(a, at))
+    distance = length(way)
+    if distance < ALIKE:
         return
     chosen = None
     for k in AXIS_ORDER:
         arm, pinned = _arm(a, at, k), _arm(a, held, k)
-        if any(_length(_sub(_arm(a, q, k), pinned)) > ALIKE for q, _ in a.anchors) or _is_zero(arm):
+        if any(length(sub(_arm(a, q, k), pinned)) > ALIKE for q, _ in a.anchors) or is_zero(arm):
             continue
-        direction = _scaled(arm, 1 / _length(arm))
-        if _dot(way, direction) / length > ALONG:
-            chosen = k, direction, _length(_sub(arm, pinned))  # the last one wins
+        direction, share = scaled(arm, 1 / length(arm)), length(sub(arm, pinned))
+        if share >= MET and dot(way, direction) / distance > ALONG:
+            chosen = k, direction, share  # the last one wins
     if chosen:
         k, direction, share = chosen
-        a.size = _with(a.size, k, a.size[k] + abs(_dot(way, direction)) / (share + NONZERO))
+        a.size = with_number(a.size, k, a.size[k] + abs(dot(way, direction)) / share)
     _pin(a, held, pin)
 
 
@@ -326,8 +345,8 @@ def _grow(a: Body, b: Body) -> None:
     if _has_corner_in(a, b) or _has_corner_in(b, a):
         return
     q, nearest = _nearest_lattice_places(a, b)
-    gap = _sub(_point(b, nearest), _point(a, q))
-    if _length(gap) < NEAR * max(map(float, (*a.size, *b.size))):
+    gap = sub(_point(b, nearest), _point(a, q))
+    if length(gap) < NEAR * max(map(float, (*a.size, *b.size))):
         return
     kept = (1 - q[0], 1 - q[1], 1 - q[2])
     point = _point(a, kept)
@@ -336,7 +355,7 @@ def _grow(a: Body, b: Body) -> None:
         if share != 0:
             growth = gap[k] / (2 * share)
             if growth > 0:
-                a.size = _with(a.size, k, a.size[k] + growth)
+                a.size = with_number(a.size, k, a.size[k] + growth)
     _pin(a, kept, point)
 
 
@@ -344,23 +363,30 @@ def _has_corner_in(a: Body, b: Body) -> bool:
     """Whether a corner of `a` is in `b`, faces included."""
     if a.axes is UPRIGHT and b.axes is UPRIGHT:
         for k in range(3):
-            reach, at = 0.5 * a.size[k], a.centre[k] - b.centre[k]
-            if not (0 <= (at - reach) / b.size[k] + 0.5 <= 1 or 0 <= (at + reach) / b.size[k] + 0.5 <= 1):
+            reach, at, half = 0.5 * a.size[k], a.centre[k] - b.centre[k], abs(0.5 * b.size[k])
+            if abs(at - reach) > half and abs(at + reach) > half:
                 return False
         return True
     corners = ((x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0))
-    return any(all(0 <= number <= 1 for number in _place(b, _point(a, corner))) for corner in corners)
+    offsets = (sub(_point(a, corner), b.centre) for corner in corners)
+    return any(all(abs(dot(offset, b.axes[k])) <= abs(0.5 * b.size[k]) for k in range(3)) for offset in offsets)
 
 
 def _nearest_lattice_places(a: Body, b: Body) -> tuple[Vector, Vector]:
-    """Of each cuboid's lattice of LATTICE³ points the places of the two that are nearest to each other."""
+    """Of each cuboid's lattice of LATTICE³ points the places of the two that are nearest to each other.
+
+    Of pairs that are equally near it is that with the first point in a's lattice, x fastest, then in b's.
+    """
+    if not all(math.isfinite(number) for number in (*a.centre, *a.size, *b.centre, *b.size)):
+        raise OverflowError
     if a.axes is UPRIGHT and b.axes is UPRIGHT:
         (ax, bx), (ay, by), (az, bz) = (_nearest_ticks(a, b, k) for k in range(3))
         return (ax, ay, az), (bx, by, bz)
-    points_a, points_b = _lattice_points(a), _lattice_points(b)
-    distance, _ = cKDTree(points_b).query(points_a)
-    first = int(np.argmax(distance <= distance.min() + TIE))
-    apart = np.linalg.norm(points_b - points_a[first], axis=1)
+    with np.errstate(over="ignore"):
+        points_a, points_b = _lattice_points(a), _lattice_points(b)
+        distance = np.asarray(cKDTree(points_b).query(points_a)[0])
+        first = int(np.argmax(distance <= distance.min() + TIE))
+        apart = np.linalg.norm(points_b - points_a[first], axis=1)
     second = int(np.argmax(apart <= apart.min() + TIE))
     return LATTICE_PLACES[first], LATTICE_PLACES[second]
 
@@ -395,20 +421,20 @@ def _point(body: Body, q: Vector) -> Vector:
 
 
 def _place(body: Body, point: Vector) -> Vector:
-    offset, (x, y, z), size = _sub(point, body.centre), body.axes, body.size
+    offset, (x, y, z), size = sub(point, body.centre), body.axes, body.size
     if body.axes is UPRIGHT:
         return (offset[0] / size[0] + 0.5, offset[1] / size[1] + 0.5, offset[2] / size[2] + 0.5)
-    return (_dot(offset, x) / size[0] + 0.5, _dot(offset, y) / size[1] + 0.5, _dot(offset, z) / size[2] + 0.5)
+    return (dot(offset, x) / size[0] + 0.5, dot(offset, y) / size[1] + 0.5, dot(offset, z) / size[2] + 0.5)
 
 
 def _arm(body: Body, q: Vector, k: int) -> Vector:
     """By how much the point at `q` moves when length number `k` grows by one."""
-    return _scaled(body.axes[k], q[k] - 0.5)
+    return scaled(body.axes[k], q[k] - 0.5)
 
 
 def _pin(body: Body, q: Vector, point: Vector) -> None:
     """Move a cuboid so that its place `q` is at `point`."""
-    body.centre = _add(body.centre, _sub(point, _point(body, q)))
+    body.centre = add(body.centre, sub(point, _point(body, q)))
 
 
 def _clamped(q: Vector) -> Vector:
@@ -422,9 +448,9 @@ def _turn(body: Body, old: Vector, new: Vector) -> None:
     Opposite and equal directions, where their cross product is exactly zero, get half a turn about
     an axis of their own choosing, as in the official executor.
     """
-    u, v = _scaled(old, 1 / _length(old)), _scaled(new, 1 / _length(new))
-    axis = _cross(u, v)
-    if _is_zero(axis):
+    u, v = scaled(old, 1 / length(old)), scaled(new, 1 / length(new))
+    axis = cross(u, v)
+    if is_zero(axis):
         if u[0] != 0:
             axis = (u[0], -u[2], u[1])
         elif u[1] != 0:
@@ -432,80 +458,15 @@ def _turn(body: Body, old: Vector, new: Vector) -> None:
         else:
             axis = (-u[1], u[0], u[2])
         cosine, sine = -1.0, 0.0
-        unit = _scaled(axis, 1 / _length(axis))
+        unit = scaled(axis, 1 / length(axis))
     else:
-        cosine, sine = _dot(u, v), _length(axis)
-        if abs(cosine) >= 1:
+        cosine, sine = dot(u, v), length(axis)
+        if cosine >= 1:
             return
-        unit = _scaled(axis, 1 / sine)
+        unit = scaled(axis, 1 / sine)
     x, y, z = body.axes
     body.axes = (
-        _rotated(x, unit, cosine, sine),
-        _rotated(y, unit, cosine, sine),
-        _rotated(z, unit, cosine, sine),
-    )
-
-
-def _rotated(v: Vector, axis: Vector, cosine: Number, sine: Number) -> Vector:
-    """Rodrigues' formula; `axis` is a unit vector."""
-    along = _dot(axis, v) * (1 - cosine)
-    c = _cross(axis, v)
-    return (
-        v[0] * cosine + c[0] * sine + axis[0] * along,
-        v[1] * cosine + c[1] * sine + axis[1] * along,
-        v[2] * cosine + c[2] * sine + axis[2] * along,
-    )
-
-
-# Vectors.
-
-
-def _add(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _sub(a: Vector, b: Vector) -> Vector:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _scaled(a: Vector, factor: Number) -> Vector:
-    return (a[0] * factor, a[1] * factor, a[2] * factor)
-
-
-def _dot(a: Vector, b: Vector) -> Number:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def _length(a: Vector) -> Number:
-    return _dot(a, a) ** 0.5
-
-
-def _size(a: Vector) -> float:
-    """Sum of absolute values."""
-    return abs(float(a[0])) + abs(float(a[1])) + abs(float(a[2]))
-
-
-def _is_zero(a: Vector) -> bool:
-    return float(a[0]) == 0 and float(a[1]) == 0 and float(a[2]) == 0
-
-
-def _with(a: Vector, k: int, number: Number) -> Vector:
-    if k == 0:
-        return (number, a[1], a[2])
-    return (a[0], number, a[2]) if k == 1 else (a[0], a[1], number)
-
-
-def _turned(v: Vector, axes: Axes) -> Vector:
-    """From a cuboid's axes to those of its frame."""
-    if axes is UPRIGHT:
-        return v
-    x, y, z = axes
-    return (
-        x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
-        x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
-        x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
+        rotated(x, unit, cosine, sine),
+        rotated(y, unit, cosine, sine),
+        rotated(z, unit, cosine, sine),
     )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-Real = Union[float, "Jet"]
+Real = Union[float, int, "Jet"]
 
 
 class Jet:
@@ -46,7 +46,7 @@ class Jet:
             return Jet(self.value - other.value, self.slope - other.slope)
         return Jet(self.value - other, self.slope)
 
-    def __rsub__(self, other: float) -> "Jet":
+    def __rsub__(self, other: float | int) -> "Jet":
         return Jet(other - self.value, -self.slope)
 
     def __mul__(self, other: Real) -> Real:
@@ -64,13 +64,13 @@ class Jet:
             return Jet(quotient, (self.slope - other.slope * quotient) * (1 / other.value))
         return self * (1 / other)
 
-    def __rtruediv__(self, other: float) -> Real:
+    def __rtruediv__(self, other: float | int) -> Real:
         if other == 0:
             return 0.0
         quotient = other / self.value
         return Jet(quotient, self.slope * (-quotient / self.value))
 
-    def __pow__(self, exponent: float) -> "Jet":
+    def __pow__(self, exponent: float | int) -> "Jet":
         power = self.value**exponent
         # The length of a zero vector has no derivative; where that is asked for, nothing follows from it.
         return Jet(power, self.slope * (exponent * power / self.value) if self.value else self.slope * 0.0)

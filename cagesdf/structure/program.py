@@ -18,11 +18,11 @@ the statements do is `executor.py`'s. `#` starts a comment.
 """
 
 import math
-import re
+import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,8 @@ from numpy import ndarray
 
 from cagesdf.errors import ProgramError
 
-Triple = tuple[float, float, float]
+Number = Any  # a float; a jet while the program is differentiated
+Triple = tuple[Number, Number, Number]
 
 BBOX = "bbox"  # a block's own cuboid, centred in its frame
 AXES = ("X", "Y", "Z")
@@ -41,6 +42,7 @@ FACES = {"right": (0, 1.0), "left": (0, 0.0), "top": (1, 1.0), "bot": (1, 0.0), 
 MAX_CHARACTERS = 1_000_000
 MAX_STATEMENTS = 10_000
 MAX_DEPTH = 16  # of blocks in blocks
+MAX_MOVES = 64  # attachments of one cuboid, a squeeze counting as two
 MAX_COPIES = 256  # that one translate makes
 MAX_LEAVES = 4_096  # after execution
 
@@ -78,7 +80,7 @@ class Squeeze:
     b: str  # what its face is put to
     c: str  # what its opposite face is put to
     face: str  # one of FACES
-    place: tuple[float, float]  # on b and c, along the two axes that are not the face's, x before y before z
+    place: tuple[Number, Number]  # on b and c, along the two axes that are not the face's, x before y before z
 
     def attaches(self) -> tuple[Attach, Attach]:
         """The two attachments that it is short for, b's first."""
@@ -113,7 +115,7 @@ class Translate:
     a: str
     axis: str  # one of AXES
     count: int  # of copies, without `a` itself
-    span: float  # from `a` to the last copy, as a share of the block's length along the axis
+    span: Number  # from `a` to the last copy, as a share of the block's length along the axis
 
     def __str__(self) -> str:
         return f"translate({self.a}, {self.axis}, {self.count}, {self.span!r})"
@@ -161,7 +163,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class AssemblyProgram:
-    """A whole program. Raises ProgramError if it would not execute: see `parse`."""
+    """A whole program. Raises ProgramError if it would not execute: see `parsing.parse`."""
 
     blocks: tuple[Block, ...]  # the root first
 
@@ -180,7 +182,13 @@ class AssemblyProgram:
 
         A Cuboid's three lengths, an attach's six coordinates, a squeeze's two, a translate's span.
         """
-        return np.array([number for block in self.blocks for number in _numbers(block)], dtype=np.float64)
+        numbers = [
+            number
+            for block in self.blocks
+            for part in (block.size, *map(numbers_of, block.statements))
+            for number in part
+        ]
+        return np.array(numbers, dtype=np.float64)
 
     def with_parameters(self, parameters: Sequence[Any] | Float[ndarray, " t"]) -> "AssemblyProgram":
         """The same program with other continuous parameters, as `parameters` orders them.
@@ -190,7 +198,7 @@ class AssemblyProgram:
         """
         numbers = iter(parameters.tolist() if isinstance(parameters, ndarray) else parameters)
         try:
-            program = AssemblyProgram(tuple(_renumbered(block, numbers) for block in self.blocks))
+            program = AssemblyProgram(tuple([_renumbered(block, numbers) for block in self.blocks]))
         except StopIteration:
             raise ValueError(f"too few parameters: got {len(parameters)}") from None
         if next(numbers, None) is not None:
@@ -198,26 +206,25 @@ class AssemblyProgram:
         return program
 
 
-def _commas(numbers: Sequence[float]) -> str:
+def _commas(numbers: Sequence[Number]) -> str:
     return ", ".join(map(repr, numbers))
 
 
-def _numbers(block: Block) -> Iterator[float]:
-    yield from block.size
-    for statement in block.statements:
-        match statement:
-            case Declare():
-                yield from statement.size
-            case Attach():
-                yield from statement.at_a
-                yield from statement.at_b
-            case Squeeze():
-                yield from statement.place
-            case Translate():
-                yield statement.span
+def numbers_of(statement: Statement) -> tuple[float, ...]:
+    """A statement's continuous parameters."""
+    match statement:
+        case Declare():
+            return statement.size
+        case Attach():
+            return statement.at_a + statement.at_b
+        case Squeeze():
+            return statement.place
+        case Translate():
+            return (statement.span,)
+    return ()
 
 
-def _renumbered(block: Block, numbers: Iterator[float]) -> Block:
+def _renumbered(block: Block, numbers: Iterator[Number]) -> Block:
     def triple() -> Triple:
         return next(numbers), next(numbers), next(numbers)
 
@@ -236,113 +243,7 @@ def _renumbered(block: Block, numbers: Iterator[float]) -> Block:
     return Block(block.name, triple(), tuple([renew(statement) for statement in block.statements]))
 
 
-# Reading: one pattern a kind of line, so that a line is checked and taken apart at once.
-
-_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-_NAME = r"\s*(\w+)\s*"
-_AXIS = r"\s*([XYZ])\s*"
-_PATTERNS = {
-    kind: re.compile(pattern, re.ASCII)
-    for kind, pattern in {
-        "cuboid": rf"(\w+)\s*=\s*Cuboid\({_NUMBER},{_NUMBER},{_NUMBER}(?:,\s*(True|False)\s*)?\)",
-        "attach": rf"attach\({_NAME},{_NAME},{','.join([_NUMBER] * 6)}\)",
-        "squeeze": rf"squeeze\({_NAME},{_NAME},{_NAME},\s*({'|'.join(FACES)})\s*,{_NUMBER},{_NUMBER}\)",
-        "reflect": rf"reflect\({_NAME},{_AXIS}\)",
-        "translate": rf"translate\({_NAME},{_AXIS},\s*(\d{{1,9}})\s*,{_NUMBER}\)",
-    }.items()
-}
-_HEAD = re.compile(r"Assembly\s+(\w+)\s*\{", re.ASCII)
-_FORMS = {
-    "cuboid": "name = Cuboid(l, h, w, True or False)",
-    "attach": "attach(a, b, x1, y1, z1, x2, y2, z2)",
-    "squeeze": f"squeeze(a, b, c, {' or '.join(FACES)}, u, v)",
-    "reflect": "reflect(a, X or Y or Z)",
-    "translate": "translate(a, X or Y or Z, count, span)",
-}
-
-
-def parse(text: str, source: str = "program") -> AssemblyProgram:
-    """Read a program; `source` names it in errors.
-
-    Raises ProgramError with line, text and what was wanted: for a line that is none of the
-    language, a name that is declared twice or not at all, a bbox that is moved or copied, a copy
-    that is copied, a length that isn't positive, a number that isn't finite, a block that isn't
-    used just once, and for more than the module's limits allow.
-    """
-    if len(text) > MAX_CHARACTERS:
-        raise ProgramError(source, 0, "", f"at most {MAX_CHARACTERS:,} characters, got {len(text):,}")
-    blocks: list[Block] = []
-    lines: list[list[int]] = []  # of each block: its head's line, its statements' lines
-    name, statements = "", list[Statement]()
-    raw = text.splitlines()
-    for number, line in enumerate(raw, start=1):
-        content = line.partition("#")[0].strip()
-        if not content:
-            continue
-        if not name:
-            head = _HEAD.fullmatch(content)
-            if head is None:
-                raise ProgramError(source, number, content, "wanted Assembly NAME {")
-            name, statements = head[1], []
-            lines.append([number])
-        elif content == "}":
-            if not statements:
-                raise ProgramError(source, number, content, "wanted bbox = Cuboid(l, h, w, True) first in its block")
-            first = statements[0]
-            assert isinstance(first, Declare)
-            blocks.append(Block(name, first.size, tuple(statements[1:])))
-            name = ""
-        else:
-            statement = _statement(content, source, number)
-            if not statements and not (isinstance(statement, Declare) and statement.name == BBOX):
-                raise ProgramError(source, number, content, "wanted bbox = Cuboid(l, h, w, True) first in its block")
-            statements.append(statement)
-            lines[-1].append(number)
-    if name:
-        raise ProgramError(source, len(raw), "", f"wanted }} at the end of block {name}")
-
-    try:
-        return AssemblyProgram(tuple(blocks))
-    except _Unexecutable as error:
-        # A block's head and its bbox stand before its other statements.
-        number = lines[error.block][error.statement + 2 if error.statement >= 0 else 0] if lines else 0
-        raise ProgramError(source, number, raw[number - 1].strip() if number else "", error.wanted) from None
-
-
-def read_program(path: Path) -> AssemblyProgram:
-    """Parse a file. Raises ProgramError as `parse` does, and for a file that is missing, too large or no text."""
-    try:
-        if path.stat().st_size > 4 * MAX_CHARACTERS:
-            raise ProgramError(str(path), 0, "", f"at most {MAX_CHARACTERS:,} characters")
-        return parse(path.read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProgramError(str(path), 0, "", f"wanted a text file with a program ({error})") from error
-
-
-def _statement(content: str, source: str, number: int) -> Statement:
-    kind = content.partition("(")[0]
-    if kind not in _PATTERNS or kind == "cuboid":
-        kind = "cuboid"
-        if "=" not in content:
-            raise ProgramError(source, number, content, f"wanted one of {'; '.join(_FORMS.values())}")
-    found = _PATTERNS[kind].fullmatch(content)
-    if found is None:
-        raise ProgramError(source, number, content, f"wanted {_FORMS[kind]}")
-    g = found.groups()
-    match kind:
-        case "cuboid":
-            return Declare(g[0], (float(g[1]), float(g[2]), float(g[3])), g[4] == "True")
-        case "attach":
-            x1, y1, z1, x2, y2, z2 = map(float, g[2:])
-            return Attach(g[0], g[1], (x1, y1, z1), (x2, y2, z2))
-        case "squeeze":
-            return Squeeze(g[0], g[1], g[2], g[3], (float(g[4]), float(g[5])))
-        case "reflect":
-            return Reflect(g[0], g[1])
-    return Translate(g[0], g[1], int(g[2]), float(g[3]))
-
-
-class _Unexecutable(ProgramError):
+class Unexecutable(ProgramError):
     """What `_check` finds, by block and statement."""
 
     def __init__(self, blocks: tuple[Block, ...], block: int, statement: int, wanted: str) -> None:
@@ -353,18 +254,18 @@ class _Unexecutable(ProgramError):
 
 
 def _check(blocks: tuple[Block, ...]) -> None:
-    """Raise the first thing that would not execute, as _Unexecutable."""
+    """Raise the first thing that would not execute, as Unexecutable."""
 
     def fail(block: int, statement: int, wanted: str) -> ProgramError:
-        return _Unexecutable(blocks, block, statement, wanted)
+        return Unexecutable(blocks, block, statement, wanted)
 
     if not blocks:
         raise fail(0, -1, "wanted at least one block: Assembly NAME {")
-    places = {block.name: i for i, block in enumerate(blocks)}
+    places: dict[str, int] = {}
     total = 0
     for i, block in enumerate(blocks):
-        if places[block.name] != i:
-            raise fail(i, -1, f"block {block.name} is there twice; wanted each name once")
+        if places.setdefault(block.name, i) != i:
+            raise fail(i, -1, f"block {block.name} is there already; wanted another name")
         total += len(block.statements)
         if total > MAX_STATEMENTS:
             raise fail(i, -1, f"wanted at most {MAX_STATEMENTS:,} statements in all")
@@ -401,13 +302,14 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
     """How often each declared cuboid of a block is there, copies included."""
     counts: dict[str, int] = {}
     copies: set[str] = set()
+    moves: Counter[str] = Counter()
     if not _positive(block.size):
         raise fail(-1, f"bbox has lengths {_commas(block.size)}; wanted positive numbers")
 
     def known(j: int, *names: str) -> None:
         for name in names:
             if name not in counts and name not in copies and name != BBOX:
-                there = ", ".join([BBOX, *counts, *sorted(copies)])
+                there = textwrap.shorten(", ".join([BBOX, *counts, *sorted(copies)]), 200, placeholder=" …")
                 raise fail(j, f"{name} is not there yet; wanted one of {there}")
 
     def moved(j: int, name: str, *targets: str) -> None:
@@ -416,11 +318,16 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
             raise fail(j, "the bbox is fixed; wanted another cuboid first")
         if name in targets:
             raise fail(j, f"{name} can't be attached to itself")
+        moves[name] += len(targets)
+        if moves[name] > MAX_MOVES:
+            raise fail(j, f"wanted at most {MAX_MOVES} attachments of {name}")
 
     def copied(j: int, name: str, count: int) -> None:
         moved(j, name)
         if name in copies:
             raise fail(j, f"{name} is a copy; wanted a declared cuboid")
+        if len(counts) + len(copies) + count > MAX_LEAVES:
+            raise fail(j, f"wanted at most {MAX_LEAVES:,} cuboids in all")
         for _ in range(count):
             copy = copy_name(len(counts) + len(copies))
             if copy in counts or copy in copies:
@@ -461,7 +368,7 @@ def _positive(size: Triple) -> bool:
     return all(0 < length < math.inf for length in size)
 
 
-def _finite(numbers: tuple[float, ...], j: int, fail: Callable[[int, str], ProgramError]) -> None:
+def _finite(numbers: tuple[Number, ...], j: int, fail: Callable[[int, str], ProgramError]) -> None:
     for number in numbers:
         if not -math.inf < number < math.inf:
             raise fail(j, f"{number} is not finite")

@@ -8,6 +8,7 @@ from numpy import ndarray
 from cagesdf.meshes import Mesh
 from cagesdf.synthesis import members, slabs, vessels
 from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut
+from cagesdf.synthesis.programs import assemble
 from cagesdf.synthesis.recipe import Category, Family, Proportions
 from cagesdf.synthesis.surfaces import rounded_rectangle, superellipse
 
@@ -288,4 +289,5 @@ CHAIRS = Category(
     },
     counts=frozenset({"turnings"}),
     driven=("taper", "leg"),
+    assemble=assemble,
 )

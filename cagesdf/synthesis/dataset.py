@@ -9,6 +9,7 @@ from cagesdf.meshes import Mesh
 from cagesdf.shape import RawPart
 from cagesdf.synthesis.chairs import CHAIRS
 from cagesdf.synthesis.layout import Drawing, finish
+from cagesdf.synthesis.programs import Assembled
 from cagesdf.synthesis.recipe import Category, Recipe
 from cagesdf.synthesis.tables import TABLES
 from cagesdf.synthesis.vases import VASES
@@ -75,6 +76,12 @@ def draw(recipe: Recipe) -> Drawing:
     """The structure with its cuboids, and what fills them."""
     family = CATEGORIES[recipe.category].families[recipe.family]
     return finish(family.draw(recipe.proportions))
+
+
+def assemble(recipe: Recipe) -> Assembled | None:
+    """The program of a recipe's cuboids; None if its category has none."""
+    category = CATEGORIES[recipe.category]
+    return category.assemble and category.assemble(draw(recipe), category.families[recipe.family].typical())
 
 
 def cage_of(recipe: Recipe) -> Cage:

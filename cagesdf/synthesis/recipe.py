@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 from cagesdf.errors import InputError
-from cagesdf.synthesis.layout import Draft, Style
+from cagesdf.synthesis.layout import Draft, Drawing, Style, finish
+from cagesdf.synthesis.programs import Assembled
 
 Range = tuple[float, float]
 Proportions = Mapping[str, float]
@@ -51,6 +52,10 @@ class Family:
     draw: Callable[[Proportions], Draft]
     ranges: Mapping[str, Range]
 
+    def typical(self) -> Drawing:
+        """The shape in the middle of all ranges."""
+        return finish(self.draw({name: (low + high) / 2 for name, (low, high) in self.ranges.items()}))
+
 
 @dataclass(frozen=True)
 class Category:
@@ -61,3 +66,4 @@ class Category:
     factors: Mapping[str, Range]
     counts: frozenset[str]  # factors that are whole numbers
     driven: tuple[str, str]  # the one factor that follows a proportion, and that proportion
+    assemble: Callable[[Drawing, Drawing], Assembled] | None  # from a drawing and a typical one; None: no programs

@@ -9,6 +9,7 @@ from cagesdf.meshes import Mesh
 from cagesdf.synthesis import members, slabs, vessels
 from cagesdf.synthesis.chairs import FORWARD, column, disc, leg, rail, wire
 from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut
+from cagesdf.synthesis.programs import assemble
 from cagesdf.synthesis.recipe import Category, Family, Proportions
 from cagesdf.synthesis.surfaces import laid, rounded_rectangle, superellipse
 
@@ -263,4 +264,5 @@ TABLES = Category(
     },
     counts=frozenset({"turnings"}),
     driven=("taper", "leg"),
+    assemble=assemble,
 )

@@ -255,4 +255,5 @@ VASES = Category(
     },
     counts=frozenset({"ribs"}),
     driven=("belly", "height"),
+    assemble=None,
 )

@@ -1,10 +1,11 @@
-"""Procedural shapes on disk, in the layout of the real data sets: PartNet folders, StructureNet hierarchies.
+"""Procedural shapes on disk, in the layout of the real data sets: PartNet, StructureNet and ShapeAssembly.
 
 <shape_id>/objs/original-<n>.obj     one mesh a part
 <shape_id>/result_after_merging.json the part tree; a node's id is its place in preorder
 <shape_id>/meta.json
 <shape_id>/recipe.json               what the shape was made from, and which parts are defective
 <category>_hier/<shape_id>.json      the hierarchy with boxes and relations
+<category>_programs/<shape_id>.txt   the program, where the category has programs
 train.txt, val.txt                   one id a line
 """
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from cagesdf.meshes import Mesh
 from cagesdf.structure.hierarchy import Node
-from cagesdf.synthesis.dataset import build, draw
+from cagesdf.synthesis.dataset import assemble, build, draw
 from cagesdf.synthesis.recipe import Recipe
 
 DEFECTS = ("opened", "flipped", "doubled")
@@ -32,7 +33,6 @@ def write_shape(folder: Path, recipe: Recipe, defective: float, rng: np.random.G
     """
     structure = draw(recipe).structure
     place = folder / recipe.shape_id
-    (place / "objs").mkdir(parents=True)
     objs: dict[str, str] = {}
     defects: dict[str, str] = {}
     for number, part in enumerate(build(recipe, recipe), start=1):
@@ -46,6 +46,9 @@ def write_shape(folder: Path, recipe: Recipe, defective: float, rng: np.random.G
     _write_json(place / "meta.json", {"anno_id": recipe.shape_id, "model_cat": recipe.category})
     _write_text(place / "recipe.json", recipe.to_json(defects=defects))
     _write_json(folder / f"{recipe.category}_hier" / f"{recipe.shape_id}.json", structure.to_dict())
+    assembled = assemble(recipe)
+    if assembled is not None:
+        _write_text(folder / f"{recipe.category}_programs" / f"{recipe.shape_id}.txt", str(assembled.program))
 
 
 def write_splits(folder: Path, recipes: Sequence[Recipe]) -> None:
@@ -93,4 +96,5 @@ def _write_json(path: Path, content: object) -> None:
 
 
 def _write_text(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8", newline="\n")

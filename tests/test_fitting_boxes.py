@@ -9,8 +9,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import CORNER_ORDER, Cage, Cuboid
-from cagesdf.errors import ShapeRejected
-from cagesdf.fitting import fit_cage, fit_cuboid, nearest_frame
+from cagesdf.fitting.boxes import fit_cuboid, nearest_frame
 
 SEEDS = st.integers(0, 2**32 - 1)
 FLOOR = 1e-3
@@ -155,20 +154,6 @@ def test_of_all_frames_along_a_direction_the_nearest_is_found(seed: int) -> None
     turns = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 200)[:, None] * direction).as_matrix()
     others = Cage(tuple(map(str, range(200))), np.zeros((200, 3)), frame @ turns, np.ones((200, 3)))
     assert np.trace(frame) >= max(np.trace(c.nearest_to(np.eye(3)).axes) for c in others.cuboids().values()) - 1e-9
-
-
-def test_a_cage_has_a_cuboid_a_part_and_its_overshoot() -> None:
-    shape = toy.stool("a")
-    cage, beyond = fit_cage(shape, 0.01, FLOOR, margin=0.0)
-    assert cage.part_ids == tuple(part.part_id for part in shape.parts)
-    for i, part in enumerate(shape.parts):
-        assert beyond[i] == cage.signed_distance(part.mesh.vertices)[:, i].max()
-    assert (beyond <= 0).all()
-
-
-def test_a_part_beyond_the_margin_rejects_its_shape_by_name() -> None:
-    with pytest.raises(ShapeRejected, match=r"shape a, fit_cuboids: part seat .* at most -1 wanted"):
-        fit_cage(toy.stool("a"), 0.01, FLOOR, margin=-1.0)
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((4, 3), np.nan)])

@@ -1,10 +1,5 @@
 """Minimum-volume cuboids (elsewhere: minimum oriented bounding boxes) that bound the parts (§3.2).
 
-A hierarchy's parts are free of each other, so each gets its minimum-volume cuboid: `fit_cuboid`.
-Where a program ties the leaf cuboids together, the paper's appendix optimises the program's
-parameters so that its leaves bound the parts and stay near these same cuboids; that fit
-belongs here, beside `fit_cage`, and starts from what `fit_cuboid` finds.
-
 Search: the box of least volume with one face along a given plane has another face along an
 edge of the part's silhouette in that plane (rotating calipers, here all edges at once). The very
 smallest box may touch the convex hull with edges only, so the planes tried are those along two
@@ -19,9 +14,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.spatial import ConvexHull
 
-from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
-from cagesdf.errors import ShapeRejected
-from cagesdf.shape import Shape
+from cagesdf.cuboid import PROPER_PERMUTATIONS, Cuboid
 
 FLAT = 1e-6  # extents below this share of the largest count as none
 MERGE = 1e-6  # facet normals closer than this are one
@@ -32,21 +25,6 @@ MANY = 1024  # planes, of which more are merged: on a hull so round they lie clo
 BATCH = 64  # planes at once at most
 BATCH_EDGES = 2**16  # planes at once times hull edges: bounds the memory
 ROOM = 1e-12  # canonical units added to each side, so that rounding leaves no point outside
-
-
-def fit_cage(shape: Shape, slack: float, min_size: float, margin: float) -> tuple[Cage, Float[ndarray, " p"]]:
-    """A cuboid for each part of a shape, and the part's overshoot: its largest signed distance to it.
-
-    A cuboid is convex, so the largest over the vertices is the largest over the surface. Raises
-    ShapeRejected if a part's overshoot exceeds `margin` (canonical units).
-    """
-    cage = Cage.of({part.part_id: fit_cuboid(part.mesh.vertices, slack, min_size) for part in shape.parts})
-    overshoot = np.array([cage.signed_distance(part.mesh.vertices)[:, i].max() for i, part in enumerate(shape.parts)])
-    for part, beyond in zip(shape.parts, overshoot):
-        if beyond > margin:
-            reason = f"part {part.part_id} is {beyond:.2g} outside its cuboid, at most {margin:.2g} wanted"
-            raise ShapeRejected(shape.shape_id, "fit_cuboids", reason)
-    return cage, overshoot
 
 
 def fit_cuboid(points: Float[ndarray, "n 3"], slack: float, min_size: float) -> Cuboid:

@@ -1,0 +1,92 @@
+"""How fast ShapeAssembly programs are read, executed and differentiated, and whether they give the published cuboids.
+
+    python benchmarks/programs.py --programs FOLDER [--cuboids FILE.jsonl.gz]
+
+prints a Markdown table of one row, measured on one core: medians over repetitions. `--cuboids` has a JSON object with
+id and cuboids on each line, as `cagesdf execute` prints them; then each program that is off by more than 1e-4 in any
+of a cuboid's 15 numbers follows below the table.
+"""
+
+import argparse
+import gzip
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from cagesdf.formats.shapeassembly import list_programs
+from cagesdf.structure.executor import differentiate, execute
+from cagesdf.structure.parsing import parse
+
+TOLERANCE = 1e-4
+REPETITIONS = 5
+DIFFERENTIATED = 300  # programs, evenly chosen
+
+
+def seconds(work: Callable[[Any], object], items: list[Any]) -> float:
+    """How long `work` takes for an item, median over repetitions."""
+    times = []
+    for _ in range(REPETITIONS):
+        start = time.perf_counter()
+        for item in items:
+            work(item)
+        times.append(time.perf_counter() - start)
+    return median(times) / len(items)
+
+
+def peak() -> float:
+    """Largest memory that this process has had, MB."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def errors(texts: dict[str, str], lines: Iterable[str]) -> dict[str, float]:
+    """By program, the largest difference to the given cuboids in any number; infinite for another number of them."""
+    wanted = {row["id"]: np.array(row["cuboids"]) for row in map(json.loads, lines)}
+    found = {}
+    for name, text in texts.items():
+        if name in wanted:
+            vectors = execute(parse(text)).vectors()
+            same = vectors.shape == wanted[name].shape
+            found[name] = float(np.abs(vectors - wanted[name]).max()) if same else float("inf")
+    return found
+
+
+def main(folder: Path, cuboids: Path | None) -> None:
+    texts = {file.stem: file.read_text(encoding="utf-8") for file in list_programs([folder])}
+    written = list(texts.values())
+    programs = [parse(text) for text in written]
+    leaves = median(len(execute(program)) for program in programs)
+    rates = [
+        1 / seconds(work, items)
+        for work, items in ((parse, written), (execute, programs), (lambda text: execute(parse(text)), written))
+    ]
+    chosen = programs[:: -(-len(programs) // DIFFERENTIATED)]
+    slope = 1000 * seconds(differentiate, chosen)
+    cells = [folder.name, f"{len(programs):,}", f"{leaves:.0f}", *(f"{rate:,.0f}" for rate in rates), f"{slope:.2f}"]
+    heads = ["set", "programs", "leaves, median", "parse /s", "execute /s", "both /s", "differentiate, ms", "peak, MB"]
+    cells.append(f"{peak():.0f}")
+    outside: dict[str, float] = {}
+    if cuboids is not None:
+        with gzip.open(cuboids, "rt", encoding="utf-8") as lines:
+            found = errors(texts, lines)
+        outside = {name: error for name, error in found.items() if error > TOLERANCE}
+        heads.append("within 1e-4")
+        cells.append(f"{1 - len(outside) / len(found):.2%} of {len(found):,}")
+    print("\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), cells)))
+    for name, error in outside.items():
+        print(f"\n{name}: {error:.2g}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--programs", type=Path, required=True, help="a folder of .txt files")
+    parser.add_argument("--cuboids", type=Path, help="what they must give, .jsonl.gz")
+    arguments = parser.parse_args()
+    main(arguments.programs, arguments.cuboids)

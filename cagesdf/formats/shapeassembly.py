@@ -1,0 +1,69 @@
+"""ShapeAssembly programs: files and folders of them, and `<category>_programs/<shape>.txt` beside the shapes."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from cagesdf.alignment import Candidate, align
+from cagesdf.errors import InputError
+from cagesdf.meshes import Mesh, join
+from cagesdf.shape import RawPart, RawShape
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.parsing import read_program
+
+SUFFIX = "_programs"
+
+# A published folder holds train.txt and val.txt beside its programs, or within: an id on each line.
+IDS = re.compile(rb"[\r\n]*[\w.@-][\w.@\r\n-]*")
+HEAD = 65_536  # bytes by which a list of ids is known
+
+
+def find_program(category: Path, shape_id: str) -> Path | None:
+    """The program of a shape, in a folder `<anything>_programs` beside the shapes'; None if there is none."""
+    paths = sorted(category.glob(f"*{SUFFIX}/{shape_id}.txt"))
+    return paths[0] if paths else None
+
+
+def read_assembly(
+    program: Path, shape_id: str, split: str, candidates: Sequence[Candidate], meshes: Mapping[str, Mesh]
+) -> RawShape:
+    """One shape whose parts are the leaves of its program; each has all meshes that `align` gives to it.
+
+    `candidates` and the raw `meshes`, by name, are what the shape's own files hold. Raises
+    InputError, ProgramError among them, if the program is broken, doesn't execute, or has a leaf
+    that no mesh belongs to.
+    """
+    assembled = read_program(program)
+    try:
+        alignment = align(assembled, candidates, meshes)
+    except InputError as error:
+        raise InputError(f"{program}: {error}") from error
+    parts = tuple(
+        RawPart(part.part_id, part.label, join([meshes[name] for name in (*part.objs, *part.leftovers)]))
+        for part in alignment.parts
+    )
+    return RawShape(shape_id, split, parts, Assembly(assembled, alignment.placement), alignment.parts)
+
+
+def list_programs(paths: Iterable[Path]) -> list[Path]:
+    """The files given, and below each folder all .txt files, sorted, but lists of ids such as train.txt.
+
+    Raises InputError for a path that isn't there and a folder without programs.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder; wanted ShapeAssembly programs")
+        if path.is_file():
+            found.append(path)
+            continue
+        inside = [file for file in sorted(path.rglob("*.txt")) if file.is_file() and not _is_list(file)]
+        if not inside:
+            raise InputError(f"{path}: no programs in it; wanted .txt files that begin with Assembly NAME {{")
+        found += inside
+    return found
+
+
+def _is_list(file: Path) -> bool:
+    with file.open("rb") as content:
+        return IDS.fullmatch(content.read(HEAD)) is not None
