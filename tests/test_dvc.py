@@ -1,12 +1,15 @@
-"""The graph: every stage names the library files it truly uses, and every parameter loads."""
+"""The graph: every stage depends on the library files it truly uses, and every parameter loads."""
 
-import ast
+import hashlib
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from pipeline import library
 from pipeline.params import SECTIONS, check
 from pipeline.workspace import merged
 
@@ -15,48 +18,50 @@ GRAPH: dict[str, Any] = yaml.safe_load((ROOT / "dvc.yaml").read_text(encoding="u
 STAGES = sorted(path.stem for path in (ROOT / "stages").glob("*.py") if path.stem != "__init__")
 
 
-def module_file(name: str) -> Path | None:
-    """The file of a module of cagesdf, by dotted name; None for a name inside a module."""
-    path = ROOT / Path(*name.split("."))
-    if (path / "__init__.py").is_file():
-        return path / "__init__.py"
-    return path.with_suffix(".py") if path.with_suffix(".py").is_file() else None
+def code(folder: str) -> set[str]:
+    """All files of a package."""
+    files = {path for path in (ROOT / folder).rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    return {path.relative_to(ROOT).as_posix() for path in files}
 
 
-def followed(path: Path) -> set[Path]:
-    """The library files that a file imports, directly or through others."""
-    seen: set[Path] = set()
-    todo = [path]
-    while todo:
-        for node in ast.walk(ast.parse(todo.pop().read_text(encoding="utf-8"))):
-            names: list[str] = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)]
-            for name in names:
-                file = module_file(name) if name.startswith("cagesdf") else None
-                if file is not None and file not in seen:
-                    seen.add(file)
-                    todo.append(file)
-    return {file for file in seen if file.name != "__init__.py"}
-
-
-def listed(stage: str) -> set[Path]:
-    return {ROOT / dep.removeprefix("${run.code}/") for dep in GRAPH[stage]["deps"] if dep.startswith("${run.code}/")}
+def test_all_code_that_stages_can_use_is_looked_at() -> None:
+    listed = {dep.removeprefix("${run.code}/") for dep in GRAPH["library"]["deps"]}
+    assert listed == code("cagesdf") | code("stages")
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_deps_are_the_library_files_that_the_stage_imports(stage: str) -> None:
-    script = ROOT / "stages" / f"{stage}.py"
-    wanted = followed(script) | {script}
-    code = {path for path in listed(stage) if path.suffix == ".py"}
-    assert {str(path.relative_to(ROOT)) for path in wanted - code} == set(), "not listed"
-    assert {str(path.relative_to(ROOT)) for path in code - wanted} == set(), "listed, not imported"
+def test_a_stage_depends_on_its_list_of_library_files(stage: str) -> None:
+    assert f"data/library/{stage}.txt" in GRAPH[stage]["deps"]
+
+
+def test_a_list_names_what_a_stage_imports_and_nothing_else(tmp_path: Path) -> None:
+    library.main(tmp_path / "library")
+    listed = {path.stem: path.read_text(encoding="utf-8") for path in (tmp_path / "library").iterdir()}
+    assert sorted(listed) == STAGES
+    assert "stages/match_targets.py" in listed["match_targets"]
+    assert "cagesdf/matching.py" in listed["match_targets"]
+    assert "cagesdf/structure/executor.py" in listed["match_targets"], "through stored and assembly"
+    assert "cagesdf/models" not in listed["match_targets"]
+    assert "cagesdf/report/page.html.j2" in listed["report"]
+    for line in listed["report"].splitlines():
+        digest, name = line.split("  ")
+        assert digest == hashlib.md5((ROOT / name).read_bytes()).hexdigest()
+
+
+def test_importing_a_stage_loads_no_file_that_its_list_lacks() -> None:
+    for stage in STAGES:
+        found = subprocess.run(
+            [sys.executable, "-c", f"import sys, stages.{stage}; print(*(getattr(m, '__file__', '') for m in "
+             "list(sys.modules.values())), sep='\\n')"],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        loaded = {Path(line) for line in found.stdout.splitlines() if line.startswith(str(ROOT / "cagesdf"))}
+        names = {path.relative_to(ROOT).as_posix() for path in loaded if path.name != "__init__.py"}
+        assert names <= set(library.used(ROOT / "stages" / f"{stage}.py"))
 
 
 def test_every_stage_file_has_a_stage_and_the_other_way_round() -> None:
-    assert sorted(GRAPH) == STAGES
+    assert sorted(GRAPH) == sorted([*STAGES, "library"])
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -74,7 +79,7 @@ def test_a_command_runs_its_own_stage_on_paths_that_are_deps_and_outs(stage: str
     paths = [word for word in words[3:] if word.startswith("data/")]
     entries = [*GRAPH[stage].get("outs", []), *GRAPH[stage].get("metrics", [])]
     outs = [next(iter(entry)) if isinstance(entry, dict) else entry for entry in entries]
-    deps = [dep for dep in GRAPH[stage]["deps"] if not dep.startswith("${run.code}")]
+    deps = [dep for dep in GRAPH[stage]["deps"] if not dep.startswith("data/library")]
     assert set(paths) == set(deps) | set(outs)
 
 
