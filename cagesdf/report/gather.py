@@ -53,7 +53,7 @@ def read_category(
 
 
 def fitting(source: ShapeFolder, cages: Mapping[str, Cage], ids: Sequence[str]) -> Grid:
-    """One row a shape: its parts in the cuboids of its program as it was given, if it has one, and as fitted."""
+    """One column a shape: its parts in the cuboids of its program as it was given, if it has one, and as fitted."""
     given, fitted = [], []
     for shape_id in ids:
         shape = source.read(shape_id)
@@ -61,9 +61,8 @@ def fitting(source: ShapeFolder, cages: Mapping[str, Cage], ids: Sequence[str]) 
         placed = shape.structure.placed_program()
         given.append(Scene(meshes, colours, Assembly(*placed).cage(), colours) if placed else None)
         fitted.append(Scene(meshes, colours, cages[shape_id], colours))
-    if not any(given):
-        return Grid(("fitted",), (False,), tuple(ids), tuple((scene,) for scene in fitted))
-    return Grid(("as given", "fitted"), (False, False), tuple(ids), tuple(zip(given, fitted)))
+    rows = {"as given": given, "fitted": fitted} if any(given) else {"fitted": fitted}
+    return Grid(tuple(ids), (False,) * len(ids), tuple(rows), tuple(map(tuple, rows.values())))
 
 
 def comparison(

@@ -34,7 +34,7 @@ class Category:
     repaired: int  # shapes of which a part had to be made closed
     rejected: Mapping[str, str]  # reasons by shape id
     bounding: Mapping[str, float]  # see io.cuboids.read_bounding
-    fitting: Grid  # shapes × (cuboids as given, fitted)
+    fitting: Grid  # (cuboids as given, fitted) × shapes
     comparison: Grid  # shapes × (cuboids, ground truth, arms)
     sequence: Grid  # (ground truth, arms) × steps of one deformation
     losses: Mapping[str, Curve]  # by arm
