@@ -61,8 +61,8 @@ def fitting(source: ShapeFolder, cages: Mapping[str, Cage], ids: Sequence[str]) 
         placed = shape.structure.placed_program()
         given.append(Scene(meshes, colours, Assembly(*placed).cage(), colours) if placed else None)
         fitted.append(Scene(meshes, colours, cages[shape_id], colours))
-    rows = {"as given": given, "fitted": fitted} if any(given) else {"fitted": fitted}
-    return Grid(tuple(ids), (False,) * len(ids), tuple(rows), tuple(map(tuple, rows.values())))
+    rows = {"as given": tuple(given), "fitted": tuple(fitted)} if any(given) else {"fitted": tuple(fitted)}
+    return Grid(tuple(ids), (False,) * len(ids), tuple(rows), tuple(rows.values()))
 
 
 def comparison(
