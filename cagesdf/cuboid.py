@@ -4,7 +4,7 @@ A cuboid (elsewhere: OBB) has a centre, three unit axes as the rows of a proper 
 full side lengths. Its frames are `frames.py`'s: local and unit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ from cagesdf.frames import Similarity
 
 # Corners of [-½, ½]³ in the order used everywhere: x slowest, z fastest.
 CORNER_ORDER = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+BLOCK = 1024  # points whose distances to all cuboids are found at once
 
 # The 24 proper rotations that permute a cuboid's axes: new axes = PROPER_PERMUTATIONS[k] @ axes.
 PROPER_PERMUTATIONS = np.array(
@@ -118,10 +120,8 @@ class Cage:
     def signed_distance(self, points: Float[ndarray, "n 3"]) -> Float[ndarray, "n p"]:
         """Exact signed distance of each point to each cuboid, canonical units, negative inside."""
         result = np.empty((len(points), len(self)))
-        for i in range(len(self)):
-            beyond = np.abs(self.to_local(points, i)) - self.size[i] / 2
-            outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
-            result[:, i] = outside + np.minimum(beyond.max(axis=1), 0)
+        for rows, distance in self._blocks(points):
+            result[rows] = distance.T
         return result
 
     def assign(self, points: Float[ndarray, "n 3"]) -> tuple[Int[ndarray, " n"], Float[ndarray, " n"]]:
@@ -129,9 +129,22 @@ class Cage:
 
         Outside all cuboids it is the nearest one. Ties go to the first.
         """
-        distance = self.signed_distance(points)
-        nearest = distance.argmin(axis=1)
-        return nearest, np.take_along_axis(distance, nearest[:, None], axis=1)[:, 0]
+        owner, nearest = np.empty(len(points), np.int64), np.empty(len(points))
+        for rows, distance in self._blocks(points):
+            owner[rows] = distance.argmin(axis=0)
+            nearest[rows] = distance.min(axis=0)
+        return owner, nearest
+
+    def _blocks(self, points: Float[ndarray, "n 3"]) -> Iterator[tuple[slice, Float[ndarray, "p k"]]]:
+        """Signed distances to all cuboids, for rows of points in turn: what is at work stays in the cache."""
+        half = self.size[:, :, None] / 2
+        for start in range(0, len(points), BLOCK):
+            rows = slice(start, min(start + BLOCK, len(points)))
+            beyond = np.abs(self.axes @ (points[rows].T - self.centre[:, :, None])) - half
+            x, y, z = beyond.swapaxes(0, 1)
+            deepest = np.maximum(np.maximum(x, y), z)
+            x, y, z = np.square(np.maximum(beyond, 0)).swapaxes(0, 1)
+            yield rows, np.sqrt(x + y + z) + np.minimum(deepest, 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,3 +43,7 @@ class ProgramError(InputError):
         where = f"{self.source}, line {self.line}" if self.line else self.source
         text = self.text if len(self.text) <= SHOWN else f"{self.text[:SHOWN]}…"
         return f"{where}: {text}: {self.wanted}" if text else f"{where}: {self.wanted}"
+
+
+class NotSolidError(ValueError):
+    """A part that no step of the repair makes closed; the message says why and what to do."""

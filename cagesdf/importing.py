@@ -1,15 +1,23 @@
 """From a shape as its files give it to closed parts in the canonical frame."""
 
-import numpy as np
+from collections import Counter
+from typing import Any
 
-from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.frames import Similarity, canonical_similarity
-from cagesdf.meshes import signed_volume
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from cagesdf.audit import audit, flags
+from cagesdf.distance import SurfaceDistance
+from cagesdf.errors import InputError, NotSolidError, ShapeRejected
+from cagesdf.frames import canonical_similarity
+from cagesdf.meshes import Mesh, box_volume, signed_volume
 from cagesdf.shape import Part, RawPart, RawShape, Repair, Shape
-from cagesdf.solid import METHODS, NotSolidError, make_solid
+from cagesdf.solid import METHODS, make_solid, union
 
 STAGE = "import_shapes"
-SHOWN = 20  # rejected shapes that the summary lists
+BATCH = 1_000_000  # points whose distances are asked for together
+SHOWN = 20  # shapes to look at, and rejected ones, that the summary lists
 
 
 def import_shape(raw: RawShape, up: str, weld: float, max_faces: int, max_parts: int, min_thickness: float) -> Shape:
@@ -36,23 +44,37 @@ def import_shape(raw: RawShape, up: str, weld: float, max_faces: int, max_parts:
         similarity = canonical_similarity(np.concatenate([part.mesh.vertices for part in raw.parts]), up)
     except InputError as error:
         raise ShapeRejected(raw.shape_id, STAGE, str(error)) from error
-    parts = tuple(_import_part(raw, part, similarity, weld, min_thickness) for part in raw.parts)
-    return Shape(raw.shape_id, raw.split, parts, raw.structure.transformed(similarity), similarity, raw.alignment)
+    meshes = [part.mesh.with_vertices(similarity.to_canonical(part.mesh.vertices)) for part in raw.parts]
+    parts = tuple(_import_part(raw, part, mesh, weld, min_thickness) for part, mesh in zip(raw.parts, meshes))
+    found = audit(meshes, union([part.mesh for part in parts]), weld)
+    structure = raw.structure.transformed(similarity)
+    return Shape(raw.shape_id, raw.split, parts, structure, similarity, raw.alignment, found)
 
 
-def _import_part(raw: RawShape, part: RawPart, similarity: Similarity, weld: float, min_thickness: float) -> Part:
-    mesh = part.mesh.with_vertices(similarity.to_canonical(part.mesh.vertices))
+def _import_part(raw: RawShape, part: RawPart, mesh: Mesh, weld: float, min_thickness: float) -> Part:
+    """One part from its mesh, canonical."""
     try:
-        solid, method = make_solid(mesh, weld, min_thickness)
+        solid = make_solid(mesh, weld, min_thickness)
     except NotSolidError as error:
         raise _rejected(raw, part, str(error)) from error
-    repair = Repair(method, len(mesh.faces), len(solid.faces), signed_volume(solid))
-    return Part(part.part_id, part.label, solid, repair)
+    volume = signed_volume(solid.mesh)
+    inside = volume / box_volume(solid.mesh)
+    faces = (len(mesh.faces), len(solid.mesh.faces))
+    repair = Repair(solid.method, *faces, volume, inside, solid.dropped, solid.plates)
+    return Part(part.part_id, part.label, solid.mesh, repair)
 
 
 def _rejected(raw: RawShape, part: RawPart, reason: str) -> ShapeRejected:
     name = part.part_id + (f" ({part.label})" if part.label not in ("", part.part_id) else "")
     return ShapeRejected(raw.shape_id, STAGE, f"part {name} {reason}")
+
+
+def signed_distances(shape: Shape, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
+    """Distances to the surface of all parts together, negative inside; points and distances in the raw frame."""
+    surface = SurfaceDistance(union([part.mesh for part in shape.parts]))
+    pieces = np.split(points, range(BATCH, len(points), BATCH))
+    distances = [surface.signed(shape.similarity.to_canonical(piece)) for piece in pieces]
+    return np.concatenate(distances) / shape.similarity.scale
 
 
 def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
@@ -65,11 +87,34 @@ def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
         f"{len(rejected)} rejected",
         f"{len(methods)} parts, by the last step of the repair they needed: {counts or 'none'}",
         *_alignment_line(shapes),
-        *(f"rejected {item.shape_id}: {item.reason}" for item in rejected[:SHOWN]),
     ]
-    if len(rejected) > SHOWN:
-        lines.append(f"and {len(rejected) - SHOWN} more, in rejected.parquet")
+    flagged = [f"look at {shape.shape_id}: {'; '.join(flags(shape))}" for shape in shapes if flags(shape)]
+    lines += _first(flagged, "shapes.parquet")
+    lines += _first([f"rejected {item.shape_id}: {item.reason}" for item in rejected], "rejected.parquet")
     return "\n".join(lines)
+
+
+def verdict(shape: Shape) -> str:
+    """What became of one shape, in a line: passed, or repaired how, and why it should be looked at."""
+    counts = Counter(part.repair.method for part in shape.parts if part.repair.method != "none")
+    repairs = [f"{counts[method]} {method}" for method in METHODS if counts[method]]
+    told = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
+    return "; ".join([f"{shape.status}{told}", *flags(shape)])
+
+
+def repair_report(shape: Shape) -> dict[str, Any]:
+    """What was done to the parts of a shape and what is to be looked at, for JSON; volumes in cubic raw units."""
+    unit = shape.similarity.scale**3
+    parts = [
+        {"part": part.part_id, "label": part.label, **vars(part.repair), "volume": part.repair.volume / unit}
+        for part in shape.parts
+    ]
+    audited = {"clear": shape.audit.clear, "differ": shape.audit.differ, "inside": shape.audit.inside}
+    return {"shape": shape.shape_id, "status": shape.status, "flags": flags(shape), "audit": audited, "parts": parts}
+
+
+def _first(lines: list[str], table: str) -> list[str]:
+    return lines if len(lines) <= SHOWN else [*lines[:SHOWN], f"and {len(lines) - SHOWN} more, in {table}"]
 
 
 def _alignment_line(shapes: list[Shape]) -> list[str]:

@@ -9,6 +9,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+MAX_PAIRS = 20_000_000  # of vertices that are welded; more of them take all memory
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -42,11 +44,15 @@ def weld(mesh: Mesh, tolerance: float) -> Mesh:
 
     A face that appears twice, in either winding, is kept once: real collections hold each
     face in both windings, which cancels winding numbers. Unused vertices go. Vertices must be
-    finite.
+    finite. Raises ValueError if more than MAX_PAIRS pairs of places are as near.
     """
-    pairs = cKDTree(mesh.vertices).query_pairs(tolerance, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(mesh.vertices),) * 2)
-    clusters = connected_components(links, directed=False)[1]
+    places, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    tree = cKDTree(places)
+    if (count := (tree.count_neighbors(tree, tolerance) - len(places)) // 2) > MAX_PAIRS:
+        raise ValueError(f"{count:,} pairs of its {len(places):,} vertices are nearer than {tolerance:g}")
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(places),) * 2)
+    clusters = connected_components(links, directed=False)[1][place.ravel()]
     _, first, cluster = np.unique(clusters, return_index=True, return_inverse=True)
     a, b, c = first[cluster][mesh.faces].T
     faces = np.stack([a, b, c], axis=1)[(a != b) & (b != c) & (c != a)]
@@ -75,6 +81,11 @@ def signed_volume(mesh: Mesh) -> float:
     """Volume by the divergence theorem; negative if a closed mesh is inside out."""
     a, b, c = (mesh.corners() - mesh.vertices.mean(0)).transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def box_volume(mesh: Mesh) -> float:
+    """Volume of the axis-aligned box around a mesh, in cubic mesh units."""
+    return float(np.ptp(mesh.vertices, axis=0).prod())
 
 
 def is_closed(mesh: Mesh) -> bool:

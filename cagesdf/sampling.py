@@ -6,14 +6,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
-from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
+from cagesdf.cuboid import CORNER_ORDER, Cage
+from cagesdf.distance import SurfaceDistance, morton_order
 from cagesdf.frames import HALF_EXTENT
 
 COARSEST = 8  # cells along the cube before any is split
-SPLIT_COST = 16  # expected candidates of a cell from which on it is split: its children cost 8 distances
-TOP_UP_ROUNDS = 6  # each twice the last
+SPLIT_COST = 64  # expected candidates of a cell from which on it is split; measured, and flat from 32 to 64
+TOP_UP_ROUNDS = 10  # each twice the last
+HOPELESS = 6  # rounds after which a part that has found no place of its own gives up
 CANDIDATES = 2**18  # drawn at once at most: bounds the memory
+MARGIN = 64  # candidates drawn beyond those expected to do
+HALF_DIAGONAL = 0.5 * 3**0.5  # of a cell over its width
+ROUNDING = 1.1e-7  # how far float32 can move a point of the cube, and out of its cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,71 +45,103 @@ def sample_points(
     `near` points are importance sampled (`sample_near`), `uniform` uniform in the cube
     [-HALF_EXTENT, HALF_EXTENT]³, `per_cuboid` uniform in each cuboid. Each belongs to the part
     whose cuboid most contains it. Parts are then filled up with uniform points of their own
-    until they have a multiple of `chunk` and at least `per_cuboid`. Where a cuboid's own region is (nearly)
-    empty because others cover it, that can fail; such a part loses a random few points instead.
+    until they have a multiple of `chunk` and at least `per_cuboid`. That fails only where less than some
+    thousandths of a cuboid are its own because others cover it; such a part loses a random few points instead.
     """
+    drawn, drawn_sdf = sample_near(surface, near, beta, rng)
     cube = _rounded(rng.uniform(-HALF_EXTENT, HALF_EXTENT, (uniform, 3)))
     boxes = uniform_in(cage, np.repeat(np.arange(len(cage)), per_cuboid), rng)
-    points = np.concatenate([sample_near(surface, near, beta, rng), cube, boxes])
+    points = np.concatenate([drawn, cube, boxes])
     parts = cage.assign(points)[0]
     count = np.bincount(parts, minlength=len(cage))
     extra, extra_parts = _top_up(cage, -(-np.maximum(count, per_cuboid) // chunk) * chunk - count, rng)
     points, parts = np.concatenate([points, extra]), np.concatenate([parts, extra_parts])
     rows, part = _chunks(parts, chunk, rng)
-    sdf = surface.signed(points)
+    sdf = np.concatenate([drawn_sdf, surface.signed(points[near:])])
     return Samples(part, points[rows].astype(np.float32), sdf[rows].astype(np.float32), rows < near)
 
 
-def sample_near(surface: SurfaceDistance, count: int, beta: float, rng: np.random.Generator) -> Float[ndarray, "n 3"]:
-    """`count` points of the cube with density in proportion to exp(−beta·|sdf|), representable in float32.
+def sample_near(
+    surface: SurfaceDistance, count: int, beta: float, rng: np.random.Generator
+) -> tuple[Float[ndarray, "n 3"], Float[ndarray, " n"]]:
+    """`count` points of the cube with density in proportion to exp(−beta·|sdf|), and their signed distances.
 
-    The weight is that of Davies et al. 2021; here by rejection, exactly and without repeats.
-    Distance is 1-Lipschitz, so the weight in a cell of an octree is at most that of its centre's
-    distance less its half diagonal: candidates are drawn in cells in proportion to volume ×
-    bound and accepted with weight / bound.
+    Points are representable in float32. The weight is that of Davies et al. 2021; here by rejection,
+    exactly and without repeats. Distance is 1-Lipschitz, so no weight in a cell of an octree exceeds
+    that of its centre's distance less its half diagonal: candidates are drawn in cells in proportion to
+    volume × bound. Nor does a candidate's weight exceed that of its centre's distance less its own way
+    from the centre, so that many are dropped before their distance is asked.
     """
-    centres, widths, bounds, total = _cells(surface, count, beta)
-    mass = np.cumsum(bounds * widths**3)
-    points, rate = np.zeros((0, 3)), total / mass[-1]
-    while (lacking := count - len(points)) > 0:
-        drawn = min(int(1.1 * lacking / rate) + 64, CANDIDATES)
-        cells = np.searchsorted(mass, rng.random(drawn) * mass[-1], side="right").clip(max=len(mass) - 1)
-        candidates = _rounded(centres[cells] + rng.uniform(-0.5, 0.5, (drawn, 3)) * widths[cells, None])
-        weights = np.exp(-beta * surface.unsigned(candidates))
-        accepted = candidates[rng.random(drawn) * bounds[cells] < weights]
-        # Candidates come in random order, so the first are as good as any.
-        points = np.concatenate([points, accepted[:lacking]])
-        rate = max(len(accepted), 1) / drawn
-    return points
+    cells = bound_cells(surface, count, beta)
+    share = cells.bound * cells.width**3
+    rate = cells.total / share.sum()
+    kept, found, tried = [(np.zeros((0, 3)), np.zeros(0))], 0, 0
+    while (lacking := count - found) > 0:
+        drawn = min(int(lacking / rate) + MARGIN, CANDIDATES)
+        kept.append(_accepted(surface, cells, rng.multinomial(drawn, share / share.sum()), beta, rng))
+        found, tried = found + len(kept[-1][0]), tried + drawn
+        rate = max(found, 1) / tried
+    # A batch is in the order of its cells: leaving out the last ones would favour the first.
+    chosen = np.sort(rng.choice(found, count, replace=False, shuffle=False))
+    return np.concatenate([points for points, _ in kept])[chosen], np.concatenate([sdf for _, sdf in kept])[chosen]
 
 
-def _cells(
-    surface: SurfaceDistance, count: int, beta: float
-) -> tuple[Float[ndarray, "m 3"], Float[ndarray, " m"], Float[ndarray, " m"], float]:
-    """Leaves of an octree over the cube: centres, widths, bounds of the weight; and its total, estimated.
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Leaves of an octree over the cube, along a space-filling curve."""
 
-    A cell is split while more than SPLIT_COST candidates are expected in it.
-    """
+    centre: Float[ndarray, "m 3"]
+    width: Float[ndarray, " m"]
+    distance: Float[ndarray, " m"]  # of the centre, unsigned
+    bound: Float[ndarray, " m"]  # no weight in the cell is larger
+    total: float  # integral of the weight over the cube, estimated
+
+
+def _accepted(
+    surface: SurfaceDistance, cells: Cells, counts: Int[ndarray, " m"], beta: float, rng: np.random.Generator
+) -> tuple[Float[ndarray, "n 3"], Float[ndarray, " n"]]:
+    """Of `counts` candidates uniform in each cell those that rejection keeps, and their signed distances."""
+    cell = np.repeat(np.arange(len(counts)), counts)
+    centre = cells.centre[cell]
+    points = _rounded(centre + (rng.random(centre.shape) - 0.5) * cells.width[cell, None])
+    height = rng.random(len(cell)) * cells.bound[cell]
+    way = np.sqrt(np.square(points - centre).sum(axis=1))
+    hopeful = height < weight_bound(cells.distance[cell], way, beta)
+    points, height = points[hopeful], height[hopeful]
+    nearest = surface.closest(points)
+    kept = height < np.exp(-beta * nearest[0])
+    points, nearest = points[kept], tuple(column[kept] for column in nearest)
+    return points, np.where(surface.behind(points, *nearest), -nearest[0], nearest[0])
+
+
+def weight_bound(distance: Float[ndarray, " n"], way: Float[ndarray, " n"], beta: float) -> Float[ndarray, " n"]:
+    """The largest that exp(−beta·|sdf|) can be up to `way` from a point of that unsigned distance."""
+    return np.exp(-beta * np.maximum(distance - way, 0))
+
+
+def bound_cells(surface: SurfaceDistance, count: int, beta: float) -> Cells:
+    """An octree fine enough for `count` points: a cell is split while more than SPLIT_COST candidates are expected."""
     width = 2 * HALF_EXTENT / COARSEST
     axis = (np.arange(COARSEST) + 0.5) * width - HALF_EXTENT
     centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    leaves: list[tuple[ndarray, ndarray, ndarray]] = []
+    leaves: list[tuple[ndarray, ...]] = []
     settled = 0.0
     while True:
         distance = surface.unsigned(centres)
-        bounds = np.exp(-beta * np.maximum(distance - width * np.sqrt(3) / 2, 0))
+        bounds = weight_bound(distance, np.full(len(centres), width * HALF_DIAGONAL + ROUNDING), beta)
         weights = np.exp(-beta * distance) * width**3
         total = settled + weights.sum()
         split = bounds * width**3 * count > SPLIT_COST * total
-        leaves.append((centres[~split], np.full((~split).sum(), width), bounds[~split]))
-        settled += weights[~split].sum()
+        leaf = ~split
+        leaves.append((centres[leaf], np.full(leaf.sum(), width), distance[leaf], bounds[leaf]))
+        settled += weights[leaf].sum()
         if not split.any():
             break
         width /= 2
-        corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        centres = (centres[split][:, None] + corners * width).reshape(-1, 3)
-    centres, widths, bounds = (np.concatenate(column) for column in zip(*leaves))
-    return centres, widths, bounds, float(total)
+        centres = (centres[split][:, None] + CORNER_ORDER * width).reshape(-1, 3)
+    centres, widths, distance, bounds = (np.concatenate(column) for column in zip(*leaves))
+    order = morton_order(centres)
+    return Cells(centres[order], widths[order], distance[order], bounds[order], float(total))
 
 
 def uniform_in(cage: Cage, cuboids: Int[ndarray, " n"], rng: np.random.Generator) -> Float[ndarray, "n 3"]:
@@ -134,7 +170,8 @@ def _top_up(
         drawn, tried = drawn[own], tried[own]
         kept = _rank(tried) < lacking[tried]
         points, parts = np.concatenate([points, drawn[kept]]), np.concatenate([parts, tried[kept]])
-        lacking = missing - np.bincount(parts, minlength=len(cage))
+        found = np.bincount(parts, minlength=len(cage))
+        lacking = np.where((found > 0) | (attempt < HOPELESS - 1), missing - found, 0)
     return points, parts
 
 

@@ -47,6 +47,22 @@ class Repair:
     faces_before: int  # as read
     faces_after: int  # of the closed mesh
     volume: float  # of the closed mesh, cubic canonical units
+    inside: float  # share of the part's axis-aligned box, canonical, that is inside the closed mesh
+    dropped: int  # pieces left out: sheets that the rest represents, specks
+    plates: int  # sheets that were given a thickness
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Whether a shape's sign can be trusted; see `audit.audit`."""
+
+    clear: int  # points at which rays through the faces as read agree on the side
+    differ: int  # of these, points that the closed parts' union puts on the other side
+    inside: float  # share of the shape's axis-aligned box, canonical, that is inside the union
+    outlier: float = 0.0  # robust z-score of the logarithm of `inside` in the category; 0 until all shapes are known
+
+
+NOT_AUDITED = Audit(clear=0, differ=0, inside=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +85,7 @@ class Shape:
     structure: Structure  # cuboids in it, if any, are canonical
     similarity: Similarity  # raw → canonical
     alignment: tuple[AlignedPart, ...] = ()  # of a program's leaves, in the structure's order
+    audit: Audit = NOT_AUDITED  # of its sign
 
     @property
     def status(self) -> str:

@@ -9,11 +9,15 @@ The chain of `make_solid`, cheapest step first; a part's method is the last step
     united      pieces that were inside out turned, overlapping pieces made one
     capped      cut apart where more than two faces meet, the holes of each piece closed
     wrapped     sheets that nothing closes replaced by a thin surface around them
+    untangled   a surface that runs into itself replaced by its outside
 
-Only the last step needs pymeshlab, which is imported when it is reached.
+What could take a step for ever is bounded: a part with too many pieces is wrapped as a whole, a
+piece with too many open edges isn't capped, and the last two, in a process of their own, are given
+a number of faces and a time. Only they need pymeshlab.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import igl
 import manifold3d
@@ -22,8 +26,10 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
-from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh, compact, face_areas, is_closed, join, signed_volume, weld
+from cagesdf.distance import SurfaceDistance
+from cagesdf.errors import NotSolidError
+from cagesdf.meshes import Mesh, compact, face_areas, face_normals, is_closed, join, signed_volume, weld
+from cagesdf.meshlab import alpha_wrap, self_union
 
 # Faces of [-½, ½]³ over CORNER_ORDER, outwards.
 CUBE_FACES = np.array(
@@ -35,7 +41,7 @@ CUBE_FACES = np.array(
 )  # fmt: skip
 
 
-METHODS = ("none", "flipped", "merged", "oriented", "united", "capped", "wrapped")
+METHODS = ("none", "flipped", "merged", "oriented", "united", "capped", "wrapped", "untangled")
 BOWL = 0.5  # a cap larger than this share of its piece, whose rim isn't flat, would fill a bowl
 BOX = 0.6  # a piece on its convex hull that covers more than this share of it is that solid
 FOLDED = 0.02  # caps whose folds take more than this share of a piece's volume are wrong
@@ -44,10 +50,21 @@ NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no 
 ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
 OFFSET = 0.002  # canonical units: from a sheet to its wrap
 TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
+MAX_PIECES = 5000  # of a part, each closed for itself
+MAX_OPEN_EDGES = 20_000  # of a piece, whose holes are filled
+MAX_FACES = 200_000  # that are wrapped, or untangled
+SECONDS = 120  # of CPU time for either; 2,000 loose faces all over the sphere take a sixth of it to wrap
+PROBES = 256  # faces of a solid below which is looked for another part of it
 
 
-class NotSolidError(ValueError):
-    """A part that no step of the chain makes closed; the message says why and what to do."""
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A part made closed, and what that took."""
+
+    mesh: Mesh  # closed, outward, in the frame of what it was made from
+    method: str  # the last of METHODS that was needed
+    dropped: int  # pieces left out: sheets that the rest represents, specks
+    plates: int  # sheets that were given a thickness of 2 TIGHT
 
 
 def as_manifold(mesh: Mesh) -> manifold3d.Manifold:
@@ -86,7 +103,7 @@ def cage_surface(cage: Cage) -> Mesh:
     return union([Mesh(corners, CUBE_FACES) for corners in cage.corners()])
 
 
-def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> tuple[Mesh, str]:
+def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> Solid:
     """A closed, outward mesh of the same part, and the last of METHODS that it needed.
 
     `mesh` and the lengths are canonical. Vertices nearer than `tolerance` are one; a piece whose
@@ -94,24 +111,29 @@ def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> tuple[Mesh
     (within NEAR) are dropped, and specks are; others become plates 2 TIGHT thick. A mesh that is
     closed and outward comes back as it is.
 
-    Raises NotSolidError if the mesh has no faces or no area, has vertices that aren't finite, or
-    is thinner than `min_thickness` even when closed; InputError if the system libraries of
-    pymeshlab are needed and missing.
+    Raises NotSolidError if the mesh has no faces or no area, has vertices that aren't finite, is
+    thinner than `min_thickness` even when closed, or exceeds what a step may take; InputError if
+    the system libraries of pymeshlab are needed and missing.
     """
     if len(mesh.faces) == 0:
         raise NotSolidError("it has no faces; remove the part, or export it again")
     if not np.isfinite(mesh.vertices).all():
         raise NotSolidError("it has vertices that are NaN or infinite; export it again")
-    welded = weld(mesh, tolerance)
+    try:
+        welded = weld(mesh, tolerance)
+    except ValueError as error:
+        raise NotSolidError(f"{error}; simplify it, or lower the tolerance") from error
     if face_areas(welded).sum() < min_thickness**2:
         raise NotSolidError(f"its {len(mesh.faces)} faces have no area; remove the part, or export it again")
-    solid, method = _without_loss(mesh, welded, min_thickness) or _close(pieces(welded), min_thickness)
-    if signed_volume(solid) <= 0 or thickness(solid) < min_thickness:
+    solid = _as_a_whole(mesh, welded, min_thickness) or _in_pieces(welded, min_thickness)
+    if _runs_into_itself(solid.mesh):
+        solid = replace(solid, mesh=untangle(solid.mesh), method="untangled")
+    if signed_volume(solid.mesh) <= 0 or thickness(solid.mesh) < min_thickness:
         raise NotSolidError(
-            f"it has no volume when closed ({method}): {thickness(solid):.2g} thick on average, wanted at least "
-            f"{min_thickness:g}; give it a thickness, or lower min_thickness"
+            f"it has no volume when closed ({solid.method}): {thickness(solid.mesh):.2g} thick on average, wanted at "
+            f"least {min_thickness:g}; give it a thickness, or lower min_thickness"
         )
-    return solid, method
+    return solid
 
 
 def thickness(mesh: Mesh) -> float:
@@ -125,24 +147,40 @@ def pieces(mesh: Mesh) -> list[Mesh]:
     A solid that touches itself along an edge, or two that share a face, fall apart there.
     """
     faces, patches = igl.bfs_orient(mesh.faces.astype(np.int64))
-    return [compact(Mesh(mesh.vertices, faces[patches == i].astype(np.int32))) for i in range(patches.max() + 1)]
+    return _split(Mesh(mesh.vertices, faces.astype(np.int32)), patches.astype(np.int64))
+
+
+def _patches(mesh: Mesh) -> Int[ndarray, " f"]:
+    """The number of the patch, as in `pieces`, of each face."""
+    return igl.bfs_orient(mesh.faces.astype(np.int64))[1].astype(np.int64)
+
+
+def _split(mesh: Mesh, patches: Int[ndarray, " f"]) -> list[Mesh]:
+    ordered = mesh.faces[np.argsort(patches, kind="stable")]
+    return [compact(Mesh(mesh.vertices, patch)) for patch in np.split(ordered, np.cumsum(np.bincount(patches))[:-1])]
 
 
 # The steps that keep all faces: none, flipped, merged, oriented, united.
 
 
-def _without_loss(mesh: Mesh, welded: Mesh, min_thickness: float) -> tuple[Mesh, str] | None:
+def _as_a_whole(mesh: Mesh, welded: Mesh, min_thickness: float) -> Solid | None:
     candidates = [("merged", welded)]
     # As it came, unless faces came twice; those that are smaller than the tolerance don't matter.
     if np.isclose(face_areas(welded).sum(), face_areas(mesh).sum(), rtol=1e-4):
         candidates.insert(0, ("none", mesh))
     for method, candidate in candidates:
         if is_closed(candidate) and (found := _outward(candidate, min_thickness)):
-            return found[0], max(method, found[1], key=METHODS.index)
+            return Solid(found[0], max(method, found[1], key=METHODS.index), dropped=0, plates=0)
+    return None
+
+
+def _in_pieces(welded: Mesh, min_thickness: float) -> Solid:
+    if _patches(welded).max() >= MAX_PIECES:
+        return Solid(wrap(welded), "wrapped", dropped=0, plates=1)
     parts = pieces(welded)
     if all(is_closed(piece) and thickness(piece) >= min_thickness for piece in parts):
-        return _unite(parts), "oriented" if len(parts) == 1 else "united"
-    return None
+        return Solid(_unite(parts), "oriented" if len(parts) == 1 else "united", dropped=0, plates=0)
+    return _close(parts, min_thickness)
 
 
 def _outward(mesh: Mesh, min_thickness: float) -> tuple[Mesh, str] | None:
@@ -153,12 +191,17 @@ def _outward(mesh: Mesh, min_thickness: float) -> tuple[Mesh, str] | None:
     method = "none"
     if signed_volume(mesh) < 0:
         mesh, method = _flipped(mesh), "flipped"
-    solid = as_manifold(mesh)
-    components = solid.decompose() if solid.status() == manifold3d.Error.NoError else []
-    if not components or min(thickness(from_manifold(component)) for component in components) < min_thickness:
+    solid, patches = as_manifold(mesh), _patches(mesh)
+    if solid.status() != manifold3d.Error.NoError or patches.max() >= MAX_PIECES:
         return None
-    if len(components) == 1:
+    parts = _split(mesh, patches)
+    if not all(map(is_closed, parts)):
+        parts = [mesh]
+    if min(map(thickness, parts)) < min_thickness:
+        return None
+    if len(parts) == 1:
         return mesh, method
+    components = [as_manifold(part) for part in parts]
     body = _add([component for component in components if component.volume() > 0])
     inner = [as_manifold(_flipped(from_manifold(part))) for part in components if part.volume() < 0]
     cavities = [part for part in inner if (part - body).volume() < 1e-3 * part.volume()]
@@ -185,7 +228,7 @@ def _unite(closed: list[Mesh]) -> Mesh:
 # The steps that add faces: capped, wrapped.
 
 
-def _close(parts: list[Mesh], min_thickness: float) -> tuple[Mesh, str]:
+def _close(parts: list[Mesh], min_thickness: float) -> Solid:
     solids, rest = [], []
     for piece in parts:
         capped = cap(piece)
@@ -199,9 +242,10 @@ def _close(parts: list[Mesh], min_thickness: float) -> tuple[Mesh, str]:
     loose = [piece for piece in rest if body is None or not _represents(body, piece)]
     area = sum(float(face_areas(piece).sum()) for piece in parts)
     if body is not None and sum(float(face_areas(piece).sum()) for piece in loose) < SPECK * area:
-        return body, "capped"
+        return Solid(body, "capped", dropped=len(rest), plates=0)
     shell = wrap(join(loose))
-    return (shell if body is None else union([body, shell])), "wrapped"
+    whole = shell if body is None else union([body, shell])
+    return Solid(whole, "wrapped", dropped=len(rest) - len(loose), plates=len(loose))
 
 
 def cap(mesh: Mesh) -> Mesh:
@@ -209,11 +253,13 @@ def cap(mesh: Mesh) -> Mesh:
 
     `mesh` is one piece, its faces turned alike. Rims in one plane are closed together, so that
     the end of a tube gets a ring. A bowl, which caps would fill, comes back as it is: its rims
-    aren't flat, and the caps are larger than the share BOWL of the piece.
+    aren't flat, and the caps are larger than the share BOWL of the piece. So does a piece with
+    more than MAX_OPEN_EDGES: filling takes the square of their number.
     """
-    if is_closed(mesh):
+    rims = _rims(mesh)
+    if not 0 < sum(map(len, rims)) <= MAX_OPEN_EDGES:
         return mesh
-    planes = [(rim, *_plane(mesh.vertices[rim])) for rim in _rims(mesh)]
+    planes = [(rim, *_plane(mesh.vertices[rim])) for rim in rims]
     groups: dict[tuple[int, ...], list[Int[ndarray, " _"]]] = {}
     for rim, normal, point, _ in sorted(planes, key=lambda plane: -plane[3]):
         side = 1 if tuple(normal) > (0, 0, 0) else -1
@@ -251,12 +297,7 @@ def _box_like(mesh: Mesh) -> Mesh | None:
         return None
     closed = from_manifold(hull)
     covers = face_areas(mesh).sum() > BOX * face_areas(closed).sum()
-    return closed if covers and _distances(closed, mesh.corners().mean(1)).max() < NEAR else None
-
-
-def _distances(mesh: Mesh, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
-    vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces, np.int64)
-    return np.sqrt(igl.point_mesh_squared_distance(points, vertices, faces)[0])
+    return closed if covers and SurfaceDistance(closed).unsigned(mesh.corners().mean(1)).max() < NEAR else None
 
 
 def _rims(mesh: Mesh) -> list[Int[ndarray, " _"]]:
@@ -311,8 +352,8 @@ def _represents(body: Mesh, sheet: Mesh) -> bool:
     """Whether all of a sheet lies in a closed body, or outside by no more than NEAR."""
     weights = np.array([(i, j, 6 - i - j) for i in range(7) for j in range(7 - i)]) / 6
     points = np.einsum("kc,fcd->fkd", weights, sheet.corners()).reshape(-1, 3)
-    far = points[_distances(body, points) > NEAR]
-    return len(far) == 0 or bool((igl.winding_number(body.vertices, body.faces.astype(np.int64), far) > 0.5).all())
+    surface = SurfaceDistance(body)
+    return bool(surface.inside(points[surface.unsigned(points) > NEAR]).all())
 
 
 def wrap(mesh: Mesh) -> Mesh:
@@ -320,29 +361,47 @@ def wrap(mesh: Mesh) -> Mesh:
 
     CGAL's alpha wrap at OFFSET, then each vertex drawn towards its nearest point on the mesh:
     the wrap itself can't be made so near without millions of faces. Canonical frame. Raises
-    InputError with the line that installs them if system libraries are missing, NotSolidError
-    if the wrap is empty.
+    NotSolidError if the mesh has more than MAX_FACES faces or the wrap takes longer than
+    SECONDS, InputError with the line that installs them if system libraries are missing.
     """
-    vertices, faces = _alpha_wrap(mesh)
+    if len(mesh.faces) > MAX_FACES:
+        raise NotSolidError(
+            f"{len(mesh.faces):,} of its faces have no thickness, at most {MAX_FACES:,} get one; simplify it"
+        )
+    vertices, faces = alpha_wrap(mesh.vertices, mesh.faces, ALPHA, OFFSET, SECONDS)
     if len(faces) == 0:
         raise NotSolidError("nothing is left of it when a surface is stretched over it; export it again")
-    source, source_faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces, np.int64)
-    squared, _, nearest = igl.point_mesh_squared_distance(vertices, source, source_faces)
-    reach = np.maximum(np.sqrt(squared), TIGHT)[:, None]
+    distance, _, nearest = SurfaceDistance(mesh).closest(vertices)
+    reach = np.maximum(distance, TIGHT)[:, None]
     return Mesh(nearest + (vertices - nearest) * (TIGHT / reach), faces.astype(np.int32))
 
 
-def _alpha_wrap(mesh: Mesh) -> tuple[Float[ndarray, "v 3"], Int[ndarray, "f 3"]]:
-    needed = "repairing it needs pymeshlab's system libraries: apt-get install libgl1 libopengl0 libegl1"
-    try:
-        import pymeshlab
-    except ImportError as error:
-        raise InputError(f"{needed} ({error})") from error
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-    # A plugin whose libraries are missing is left out without an error.
-    if not hasattr(meshes, "generate_alpha_wrap"):
-        raise InputError(needed)
-    meshes.generate_alpha_wrap(alpha=pymeshlab.PureValue(ALPHA), offset=pymeshlab.PureValue(OFFSET))
-    result = meshes.current_mesh()
-    return result.vertex_matrix(), result.face_matrix()
+# The step that removes faces: untangled.
+
+
+def _runs_into_itself(mesh: Mesh) -> bool:
+    """Whether closed, outward faces overlap: below one of PROBES faces, the winding number is 2 or more."""
+    faces = np.unique(np.linspace(0, len(mesh.faces) - 1, PROBES).astype(np.int64))
+    normals = face_normals(mesh)[faces]
+    points = (
+        mesh.corners()[faces].mean(1) - NEAR * normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    )
+    tree = igl.FastWindingNumberBVH()
+    tree.init(np.ascontiguousarray(mesh.vertices), mesh.faces.astype(np.int64))
+    return bool((tree.winding_number(points, 2.0) > 1.5).any())
+
+
+def untangle(mesh: Mesh) -> Mesh:
+    """The outer surface of a closed, outward mesh that runs into itself.
+
+    Faces in the inside would turn signs and shorten distances. manifold3d takes them for meant.
+    Raises NotSolidError if that takes more than MAX_FACES faces or SECONDS or the result isn't
+    closed, InputError as `wrap` does.
+    """
+    if len(mesh.faces) > MAX_FACES:
+        raise NotSolidError(f"it runs into itself and has {len(mesh.faces):,} faces, at most {MAX_FACES:,} are wanted")
+    vertices, faces = self_union(mesh.vertices, mesh.faces, SECONDS)
+    outside = Mesh(vertices, faces.astype(np.int32))
+    if not is_closed(outside) or as_manifold(outside).status() != manifold3d.Error.NoError:
+        raise NotSolidError("it runs into itself, and its outside isn't closed; repair it")
+    return outside

@@ -1,7 +1,7 @@
 """The machinery of stages; knows nothing about shapes."""
 
 from pipeline import artefact
-from pipeline.executor import counter, device, draw, item_rng, parallel_map, progress
+from pipeline.executor import counter, device, draw, item_rng, parallel_groups, parallel_map, progress
 from pipeline.params import (
     DeformParams,
     EvaluateParams,
@@ -40,6 +40,7 @@ __all__ = [
     "draw",
     "item_rng",
     "load",
+    "parallel_groups",
     "parallel_map",
     "progress",
     "run_stage",

@@ -36,8 +36,9 @@ def write(
     """
     digests = {wanted: digest_file(_checked(path, wanted, params.format) / MANIFEST) for wanted, path in inputs.items()}
     digests |= {name: digest_tree(path) for name, path in (foreign or {}).items()}
-    partial = out.with_name(out.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
+    partial, old = out.with_name(out.name + ".partial"), out.with_name(out.name + ".old")
+    for left in (partial, old):  # by a process that was killed
+        shutil.rmtree(left, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
         yield partial
@@ -55,8 +56,6 @@ def write(
         text = json.dumps(manifest, indent=1, sort_keys=True)
         (partial / MANIFEST).write_text(text + "\n", encoding="utf-8", newline="\n")
         if out.exists():
-            old = out.with_name(out.name + ".old")
-            shutil.rmtree(old, ignore_errors=True)
             os.replace(out, old)
             os.replace(partial, out)
             shutil.rmtree(old)
@@ -89,9 +88,11 @@ def _checked(path: Path, kind: str, version: int) -> Path:
         raise ArtefactError(
             f"{path}: was written in format {manifest['format']}, params.yaml says {version}; rerun the stage"
         )
-    missing = [name for name in manifest["files"] if not (path / name).is_file()]
-    if missing:
-        raise ArtefactError(f"{path}: lacks {', '.join(missing[:3])}; rerun the stage that writes it")
+    for name, file in manifest["files"].items():
+        if not (path / name).is_file():
+            raise ArtefactError(f"{path}: lacks {name}; rerun the stage that writes it")
+        if (path / name).stat().st_size != file["bytes"]:
+            raise ArtefactError(f"{path / name}: is not as it was written, {file['bytes']:,} bytes; rerun the stage")
     return path
 
 

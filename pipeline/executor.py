@@ -1,21 +1,20 @@
-"""Mapping over items in input order, on as many processes as there are cores."""
+"""Mapping over items in input order, on as many processes as there are cores, or on a cluster."""
 
 import os
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
-from typing import TypeVar
+from contextlib import contextmanager
+from typing import Any, TypeVar
 
-import joblib
 import numpy as np
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 from tqdm import tqdm
+
+from pipeline.processes import DaskProcesses, Died, LocalProcesses, Processes, ThisProcess
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Rejected = TypeVar("Rejected", bound=Exception)
-RETRIES = 2
 
 
 def workers() -> int:
@@ -26,6 +25,14 @@ def workers() -> int:
     if not value.isdigit() or int(value) < 1:
         raise ValueError(f"CAGESDF_WORKERS: wanted a positive number, got {value!r}")
     return int(value)
+
+
+def item_seconds() -> float:
+    """How long one item may take: CAGESDF_ITEM_SECONDS, or half an hour, hundreds of times what any has taken."""
+    value = os.environ.get("CAGESDF_ITEM_SECONDS", "1800")
+    if not value.isdigit() or int(value) < 1:
+        raise ValueError(f"CAGESDF_ITEM_SECONDS: wanted a positive number, got {value!r}")
+    return float(value)
 
 
 def item_rng(seed: int, *ids: str | int) -> np.random.Generator:
@@ -87,36 +94,78 @@ def parallel_map(
     items: Sequence[Item],
     rejects: type[Rejected],
     label: str,
+    lost: Callable[[Item, str], Rejected] | None = None,
 ) -> tuple[list[Result], list[Rejected]]:
     """`function` of every item, in input order, and the exceptions of type `rejects` it raised.
 
-    One process a core, one thread each. Any other exception stops the map. A worker that dies
-    (killed for its memory, say) is replaced and what it left undone is done again, RETRIES
-    times; then RuntimeError. With joblib's dask backend the same call runs on more machines.
+    Any other exception stops the map. Each item has a process to itself meanwhile, and one thread: one of
+    `workers()` processes of this machine, or one of the Dask cluster that CAGESDF_DASK names. An item whose
+    process dies (killed for its memory, say) or takes more than `item_seconds()` is called once more, after
+    all others and alone; if that fails too, it is rejected as `lost(item, reason)`, or RuntimeError names it
+    where no `lost` is given. CAGESDF_WORKERS=1 calls all in this process, where nothing guards against that.
+    """
+    [(_, results, rejected)] = parallel_groups(function, [items], rejects, label, lost)
+    return results, rejected
+
+
+def parallel_groups(
+    function: Callable[[Item], Result],
+    groups: Sequence[Sequence[Item]],
+    rejects: type[Rejected],
+    label: str,
+    lost: Callable[[Item, str], Rejected] | None = None,
+) -> Iterator[tuple[int, list[Result], list[Rejected]]]:
+    """`parallel_map` of all groups' items together: yields each group's number and outcome as it is complete.
+
+    Groups begin in their order and no worker waits for the end of one; what was yielded is no longer held.
     """
     call = _Call(function, rejects)
-    outcomes: list[tuple[Result | None, Exception | None]] = []
-    count = min(workers(), max(len(items), 1))
-    bar = progress((), total=len(items), label=label)
-    # libigl reads its own variable; loky sets those of OpenMP and the BLAS libraries.
-    os.environ["IGL_NUM_THREADS"] = "1"
-    for attempt in range(RETRIES + 1):
-        try:
-            with joblib.parallel_config(backend="loky", inner_max_num_threads=1) if count > 1 else nullcontext():
-                pool = joblib.Parallel(n_jobs=count, return_as="generator", batch_size=1)
-                for outcome in pool(joblib.delayed(call)(item) for item in items[len(outcomes) :]):
-                    outcomes.append(outcome)
-                    bar.update()
-            break
-        except TerminatedWorkerError as error:
-            if attempt == RETRIES:
-                raise RuntimeError(
-                    f"{label}: a worker died {RETRIES + 1} times, last near item {len(outcomes)} of {len(items)}; "
-                    "is there enough memory? CAGESDF_WORKERS=1 needs the least"
-                ) from error
-    bar.close()
-    results = [result for result, rejected in outcomes if rejected is None]
-    return results, [rejected for _, rejected in outcomes if rejected is not None]  # type: ignore[return-value, misc]
+    items = [item for group in groups for item in group]
+    owner = [number for number, group in enumerate(groups) for _ in group]
+    pending = [len(group) for group in groups]
+    outcomes: list[dict[int, Any]] = [{} for _ in groups]
+    died: dict[int, Died] = {}
+
+    def ready(item: int, outcome: Any) -> Iterator[tuple[int, list[Result], list[Rejected]]]:
+        group = owner[item]
+        outcomes[group][item] = outcome
+        if len(outcomes[group]) == pending[group]:
+            yield (group, *_apart(outcomes[group]))
+            outcomes[group].clear()
+
+    yield from ((group, [], []) for group, size in enumerate(pending) if not size)
+    processes = _processes(len(items))
+    with progress((), total=len(items), label=label) as bar:
+        for number, outcome in processes.outcomes(call, items):
+            if isinstance(outcome, Died):
+                died[number] = outcome
+            else:
+                bar.update()
+                yield from ready(number, outcome)
+        for number, end in sorted(died.items()):
+            item = items[number]
+            tqdm.write(f"{label}: item {number} killed its process, trying again: {end}", sys.stderr)
+            [(_, outcome)] = processes.outcomes(call, [item])
+            if isinstance(outcome, Died):
+                reason = f"killed its process twice: a crash, out of memory, or more than {item_seconds():g} s"
+                if lost is None:
+                    raise RuntimeError(f"{label}: {item!r:.200} {reason}")
+                outcome = None, lost(item, reason)
+            bar.update()
+            yield from ready(number, outcome)
+
+
+def _apart(outcomes: dict[int, Any]) -> tuple[list[Any], list[Any]]:
+    """Results and rejections of `_Call`, each in the order of the items."""
+    ordered = [outcomes[number] for number in sorted(outcomes)]
+    return [result for result, rejected in ordered if rejected is None], [r for _, r in ordered if r is not None]
+
+
+def _processes(items: int) -> Processes:
+    address, alone = os.environ.get("CAGESDF_DASK"), os.environ.get("CAGESDF_WORKERS") == "1"
+    if address and items:
+        return DaskProcesses(address, item_seconds())
+    return ThisProcess() if alone else LocalProcesses(workers(), item_seconds())
 
 
 class _Call:

@@ -29,7 +29,7 @@ def main(shapes: Path, cuboids: Path, matches: Path, out: Path, params: DeformPa
         todo = read_matches(matches)
         assemblies = read_assemblies(cuboids) if params.interpolation == "program" else {}
         deform = partial(deform_one, read_shapes(shapes), read_cages(cuboids), assemblies, params)
-        done, rejected = parallel_map(deform, todo, rejects=ShapeRejected, label="deform_sequences")
+        done, rejected = parallel_map(deform, todo, rejects=ShapeRejected, label="deform_sequences", lost=lost)
         write_sequences(folder, [sequence for sequence, _ in done], {s.shape_id: share for s, share in done})
         write_rejected(folder, rejected, len(todo), params.max_rejected)
         mean = np.mean([share[1:].mean() for _, share in done])
@@ -50,6 +50,11 @@ def deform_one(
     sequence = make_sequence(match, cages, path, params.steps, params.held_out)
     shape, rest = source.read(sequence.shape_id), sequence.cages[0]
     return sequence, np.array([share_outside(deform_shape(shape, rest, cage), cage) for cage in sequence.cages])
+
+
+def lost(match: Match, reason: str) -> ShapeRejected:
+    """What becomes of a shape that kills its worker."""
+    return ShapeRejected(match.shape_id, "deform_sequences", reason)
 
 
 if __name__ == "__main__":

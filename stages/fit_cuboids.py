@@ -24,7 +24,7 @@ def main(shapes: Path, out: Path, params: FitParams) -> None:
         source = read_shapes(shapes)
 
         fit = partial(fit_one, source, params)
-        fitted, rejected = parallel_map(fit, source.ids, rejects=ShapeRejected, label="fit_cuboids")
+        fitted, rejected = parallel_map(fit, source.ids, rejects=ShapeRejected, label="fit_cuboids", lost=lost)
         write_cuboids(folder, dict(fitted))
         write_rejected(folder, rejected, len(source), params.max_rejected)
         print(summary([cage for _, cage in fitted]))
@@ -35,6 +35,11 @@ def fit_one(source: ShapeFolder, params: FitParams, shape_id: str) -> tuple[str,
     rng = item_rng(params.seed, "fit_cuboids", shape_id)
     fitted = fit_cage(source.read(shape_id), params.slack, params.min_size, params.margin, params.points, rng)
     return shape_id, fitted
+
+
+def lost(shape_id: str, reason: str) -> ShapeRejected:
+    """What becomes of a shape that kills its worker."""
+    return ShapeRejected(shape_id, "fit_cuboids", reason)
 
 
 def summary(fitted: Iterable[FittedCage]) -> str:

@@ -6,6 +6,7 @@ python -m stages.import_shapes data/raw/chair data/shapes/chair
 from functools import partial
 from pathlib import Path
 
+from cagesdf.audit import with_outliers
 from cagesdf.errors import ShapeRejected
 from cagesdf.formats.listing import ShapeSource, list_shapes, read_shape
 from cagesdf.importing import import_shape, summary
@@ -20,8 +21,9 @@ def main(raw: Path, out: Path, params: ImportParams) -> None:
     sources = list_shapes(raw, params.include)
     with artefact.write("shapes", out, inputs={}, params=params, foreign={"raw": raw}) as folder:
         shapes, rejected = parallel_map(
-            partial(import_one, params), sources, rejects=ShapeRejected, label="import_shapes"
+            partial(import_one, params), sources, rejects=ShapeRejected, label="import_shapes", lost=lost
         )
+        shapes = with_outliers(shapes)
         print(summary(shapes, rejected))
         write_rejected(folder, rejected, len(sources), params.max_rejected)
         write_shapes(folder, shapes)
@@ -32,6 +34,11 @@ def import_one(params: ImportParams, source: ShapeSource) -> Shape:
     return import_shape(
         read_shape(source), params.up, params.weld, params.max_faces, params.max_parts, params.min_thickness
     )
+
+
+def lost(source: ShapeSource, reason: str) -> ShapeRejected:
+    """What becomes of a shape that kills its worker."""
+    return ShapeRejected(source.shape_id, "import_shapes", reason)
 
 
 if __name__ == "__main__":

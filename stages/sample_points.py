@@ -19,23 +19,25 @@ from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.sampling import sample_points
 from cagesdf.solid import union
-from pipeline import SampleParams, artefact, item_rng, parallel_map, run_stage
+from pipeline import SampleParams, artefact, item_rng, parallel_groups, run_stage
 
 
 def main(shapes: Path, sequences: Path, out: Path, params: SampleParams) -> None:
     """Read `shapes/` and `sequences/`, write `points/`, a shard at a time."""
     with artefact.write("points", out, inputs={"shapes": shapes, "sequences": sequences}, params=params) as folder:
         todo = [sequence for _, sequence in sorted(read_sequences(sequences).items())]
+        # Mixed, so that families that take turns in the data set don't get shards of their own.
+        mixed = [todo[i] for i in item_rng(params.seed, "sample_points").permutation(len(todo))]
+        shards = [mixed[shard :: params.shards] for shard in range(min(params.shards, len(todo)))]
         sample = partial(sample_sequence, read_shapes(shapes), params)
-        rejected: list[ShapeRejected] = []
-        for shard in range(min(params.shards, len(todo))):
-            label = f"sample_points, shard {shard + 1} of {params.shards}"
-            pieces, unusable = parallel_map(sample, todo[shard :: params.shards], rejects=ShapeRejected, label=label)
-            rejected += unusable
+        rejected: dict[int, list[ShapeRejected]] = {}
+        outcomes = parallel_groups(sample, shards, rejects=ShapeRejected, label="sample_points", lost=lost)
+        for shard, pieces, rejected[shard] in outcomes:
             if pieces:
                 rng = item_rng(params.seed, "sample_points", shard)
-                write_shard(folder / f"shard-{shard:04d}.parquet", join_chunks(pieces), rng, **facts(params))
-        write_rejected(folder, rejected, len(todo), params.max_rejected)
+                write_shard(folder / f"shard-{shard:04d}.parquet", pieces, rng, **facts(params))
+        unusable = [item for shard in sorted(rejected) for item in rejected[shard]]
+        write_rejected(folder, unusable, len(todo), params.max_rejected)
 
 
 def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequence) -> PointChunks:
@@ -55,6 +57,11 @@ def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequenc
         fields = samples.part, samples.points, samples.sdf, samples.near
         pieces.append(PointChunks(*numbers, *fields, (shape.shape_id,), cage.part_ids))
     return join_chunks(pieces)
+
+
+def lost(sequence: Sequence, reason: str) -> ShapeRejected:
+    """What becomes of a shape that kills its worker."""
+    return ShapeRejected(sequence.shape_id, "sample_points", reason)
 
 
 def facts(params: SampleParams) -> dict[str, object]:

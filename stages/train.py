@@ -11,16 +11,17 @@ from pathlib import Path
 
 import torch
 
-from cagesdf.io.points import CHUNK, read_points
+from cagesdf.io.points import CHUNK
 from cagesdf.io.runs import Run, write_run
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
-from cagesdf.training.batches import latent_keys, training_chunks, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.loop import TrainSettings, train
+from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
 from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
+from pipeline.memory import memory
 
 SIZES = {"width", "layers", "latent_dim", "mapping", "octaves"}
 
@@ -29,22 +30,27 @@ def main(points: Path, shapes: Path, sequences: Path, out: Path, params: TrainPa
     """Read `points/`, `shapes/` and `sequences/`, write a run; say which points it was trained on."""
     inputs = {"points": points, "shapes": shapes, "sequences": sequences}
     with artefact.write("run", out, inputs=inputs, params=params) as folder:
-        checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params))
-        source, cages, sampled = read_shapes(shapes), read_sequences(sequences), read_points(points)
+        source, cages = read_shapes(shapes), read_sequences(sequences)
         rng = item_rng(params.seed, "train")
-        chunks = training_chunks(sampled, cages, params.steps_of, params.points_of, params.reach, rng)
-        count = {"sampled": len(sampled) * CHUNK, "used": len(chunks) * CHUNK}
-        print(f"{out.name}: {count['used']:,} of {count['sampled']:,} points, {described(params)}")
+        data = open_points(points, cages, params.steps_of, params.points_of, params.reach, rng, memory())
+        checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, data))
+        count = {"sampled": data.sampled, "used": data.used}
+        print(f"{out.name}: {data.used:,} of {data.sampled:,} points, {described(params)}; {held(data)}")
 
-        keys = latent_keys(chunks, params.latents)
+        keys = data.latent_keys(params.latents)
         latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
         decoder = make_decoder(params.decoder, **params.model_dump(include=SIZES), seed=params.seed).to(device())
         settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
-        groups = training_set(chunks, cages, latents)
-        batch = settings.batch_chunks * CHUNK
+        batches = data.batches(latents, params.batch_chunks, params.seed)
+        batch = params.batch_chunks * CHUNK
         with counter(settings.steps * batch, "points", f"train {out.name}") as bar:
             log = train(
-                decoder, latents, groups, settings, checkpoint, lambda step, loss: bar(step * batch, loss=f"{loss:.5f}")
+                decoder,
+                latents,
+                batches,
+                settings,
+                checkpoint,
+                lambda step, loss: bar(step * batch, loss=f"{loss:.5f}"),
             )
 
         ids = sorted({shape_id for shape_id, _ in keys})
@@ -68,12 +74,18 @@ def described(params: TrainParams) -> str:
     return f"those {where}, of {steps}"
 
 
-def digest(inputs: dict[str, Path], params: TrainParams) -> str:
-    """Of all that the weights depend on: parameters, inputs, library, torch and device."""
+def held(data: TrainingPoints) -> str:
+    """Where those are while it trains."""
+    return "in memory" if isinstance(data, LoadedPoints) else "streamed, as memory is limited (CAGESDF_MEMORY)"
+
+
+def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints) -> str:
+    """Of all that the weights depend on: parameters, inputs, way of reading, library, torch and device."""
     return digest_of(
         {
             "params": params.model_dump(mode="json"),
             "inputs": {kind: artefact.digest_file(path / artefact.MANIFEST) for kind, path in inputs.items()},
+            "points": type(data).__name__,
             "library": loaded_library(),
             "stage": artefact.digest_file(Path(__file__)),
             "torch": torch.__version__,

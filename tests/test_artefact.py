@@ -82,6 +82,26 @@ def test_an_input_of_another_format_or_with_a_lost_file_is_refused(tmp_path: Pat
         pass
 
 
+def test_an_input_that_was_cut_short_is_refused_by_name(tmp_path: Path) -> None:
+    source = make(tmp_path / "a")
+    file = source / "deep" / "file.txt"
+    file.write_bytes(file.read_bytes()[:-1])
+    with (
+        pytest.raises(ArtefactError, match=r"file\.txt: is not as it was written"),
+        artefact.write("b", tmp_path / "b", {"cuboids": source}, params()),
+    ):
+        pass
+
+
+def test_what_a_killed_stage_left_is_removed(tmp_path: Path) -> None:
+    for left in ("a.partial", "a.old"):
+        (tmp_path / left).mkdir()
+        (tmp_path / left / "manifest.json").write_text("{", encoding="utf-8")
+    again, fresh = make(tmp_path / "a"), make(tmp_path / "b")
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["a", "b"]
+    assert artefact.digest_tree(again) == artefact.digest_tree(fresh)
+
+
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"kind": 1}'])
 def test_a_damaged_manifest_is_refused_by_name(tmp_path: Path, damage: str) -> None:
     source = make(tmp_path / "a")

@@ -103,7 +103,7 @@ def write_points(folder: Path) -> Path:
             whose = np.array([0, 0], np.int32), np.array([0, k], np.int32), np.array([0, k], np.int32)
             xyz = rng.uniform(-1, 1, (2, CHUNK, 3)).astype(np.float32)
             write_shard(
-                out / f"shard-{k:03d}.parquet", PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b")), rng
+                out / f"shard-{k:03d}.parquet", [PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b"))], rng
             )
     return folder
 
@@ -134,11 +134,22 @@ def test_points_are_described_with_the_share_inside_and_counts_by_cuboid(command
     assert "sign negative inside" in text
     assert "25.0% of the points" in text
     assert "50.0% near the surface, 50.0% uniform" in text
-    assert "64 to 128 points, median 64, in 3 cuboids" in text
+    assert "a shape    points: c0: 128, c1: 128" in text
+    assert "a step     points: 0: 192, 1: 64" in text
+    assert "a cuboid   points: c0 0 a: 128, c1 0 a: 64, c1 1 b: 64" in text
     assert "-0.05 to 0.05" in text
     shard = command("inspect", tmp_path / "points" / "chair" / "shard-001.parquet")
     assert "shard-001.parquet: points, 128 rows" in shard
-    assert "64 to 64 points" in shard
+    assert "c1 0 a: 64, c1 1 b: 64" in shard
+
+
+def test_points_are_drawn_as_a_slice(command: Command, tmp_path: Path) -> None:
+    points = write_points(tmp_path / "points" / "chair")
+    command("inspect", points, "--picture", tmp_path / "slice.png")
+    assert (tmp_path / "slice.png").read_bytes().startswith(b"\x89PNG")
+    assert "ends in .png" in command.complaint("inspect", points, "--picture", tmp_path / "slice.gif")
+    command("inspect", points / "shard-001.parquet", "--picture", tmp_path / "shard.png")
+    assert (tmp_path / "shard.png").is_file()
 
 
 def test_shapes_are_described_column_by_column_with_their_meanings(command: Command, tmp_path: Path) -> None:

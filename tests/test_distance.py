@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cagesdf.distance import SurfaceDistance, morton_order
-from cagesdf.meshes import Mesh
+from cagesdf.meshes import Mesh, join, weld
 from cagesdf.solid import union
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -41,6 +41,30 @@ def test_the_side_told_by_normals_is_the_one_told_by_winding_numbers() -> None:
     signed = surface.signed(points)
     np.testing.assert_array_equal(signed < 0, surface.inside(points))
     np.testing.assert_array_equal(np.abs(signed), surface.unsigned(points))
+
+
+@given(SEEDS)
+def test_the_side_of_a_knife_edge_is_that_of_its_planes(seed: int) -> None:
+    """Random tetrahedra, flat ones too: one face's normal misleads at edges sharper than a right angle."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-0.5, 0.5, (4, 3)) * [1, 1, rng.choice([1, 0.1, 0.01])]
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32)
+    if np.linalg.det(corners[1:] - corners[0]) < 0:
+        faces = faces[:, ::-1].copy()
+    a, b, c = corners[faces].swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    points = np.concatenate([corners.repeat(50, 0) + rng.normal(size=(200, 3)) * 0.02, rng.uniform(-1, 1, (50, 3))])
+    inside = ((points[:, None] - a) * normals).sum(axis=2).max(axis=1) < 0
+    np.testing.assert_array_equal(SurfaceDistance(Mesh(corners, faces)).signed(points) < 0, inside)
+
+
+def test_where_two_solids_touch_in_an_edge_the_side_is_right() -> None:
+    """Four faces meet there, so that no sum of normals tells it."""
+    pair = join([toy.box([-0.25, -0.25, 0], [0.5, 0.5, 1]), toy.box([0.25, 0.25, 0], [0.5, 0.5, 1])])
+    surface = SurfaceDistance(weld(pair, 1e-9))
+    points = np.random.default_rng(0).normal(size=(2000, 3)) * [0.1, 0.1, 0.7]
+    inside = (points[:, 0] * points[:, 1] > 0) & (np.abs(points) < 0.5).all(axis=1)
+    np.testing.assert_array_equal(surface.signed(points) < 0, inside)
 
 
 def test_a_face_without_area_does_not_decide_a_side() -> None:

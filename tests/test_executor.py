@@ -2,12 +2,13 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
 
 from cagesdf.errors import ShapeRejected
-from pipeline.executor import counter, device, item_rng, parallel_map, workers
+from pipeline.executor import counter, device, item_rng, item_seconds, parallel_groups, parallel_map, workers
 
 
 def square(number: int) -> int:
@@ -25,6 +26,22 @@ def die_once(marker: str) -> str:
         path.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return path.stem
+
+
+def misbehave(name: str) -> str:
+    """End this process, or hang, if the item's name says so."""
+    if name == "SIGSEGV":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if name == "exit":
+        os._exit(0)
+    if name == "hang":
+        time.sleep(1000)
+    return name
+
+
+def process(_: int) -> int:
+    time.sleep(0.05)
+    return os.getpid()
 
 
 @pytest.mark.parametrize("count", ["1", "2"])
@@ -53,10 +70,40 @@ def test_no_items_give_no_results() -> None:
     assert parallel_map(square, [], rejects=ShapeRejected, label="test") == ([], [])
 
 
+def test_an_item_that_kills_its_process_or_hangs_is_rejected_and_the_others_go_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "2")
+    monkeypatch.setenv("CAGESDF_ITEM_SECONDS", "2")
+    items = ["a", "SIGSEGV", "b", "hang", "c", "exit", "d"]
+    results, rejected = parallel_map(
+        misbehave, items, rejects=ShapeRejected, label="test", lost=lambda item, why: ShapeRejected(item, "test", why)
+    )
+    assert results == list("abcd")
+    assert [r.shape_id for r in rejected] == ["SIGSEGV", "hang", "exit"]
+    assert all("killed its process twice" in r.reason and "2 s" in r.reason for r in rejected)
+
+
+def test_an_item_that_kills_its_process_is_named_where_none_may_be_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "2")
+    with pytest.raises(RuntimeError, match="test: 'exit' killed its process twice"):
+        parallel_map(misbehave, ["a", "exit", "b"], rejects=ShapeRejected, label="test")
+
+
+def test_processes_stay_for_the_next_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "2")
+    maps = [parallel_map(process, range(8), rejects=ShapeRejected, label="test")[0] for _ in range(2)]
+    assert set(maps[1]) <= set(maps[0])
+    assert os.getpid() not in maps[0]
+
+
 def test_a_wrong_number_of_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_WORKERS", "two")
     with pytest.raises(ValueError, match=r"CAGESDF_WORKERS.*'two'"):
         workers()
+    monkeypatch.setenv("CAGESDF_ITEM_SECONDS", "-5")
+    with pytest.raises(ValueError, match=r"CAGESDF_ITEM_SECONDS.*'-5'"):
+        item_seconds()
 
 
 def test_an_items_generator_depends_on_seed_and_ids_alone() -> None:
@@ -80,3 +127,17 @@ def test_the_device_is_the_one_that_the_environment_names(monkeypatch: pytest.Mo
     assert device() == "meta"
     monkeypatch.setenv("CAGESDF_DEVICE", "auto")
     assert device() in ("cpu", "cuda")
+
+
+@pytest.mark.parametrize("count", ["1", "2"])
+def test_groups_are_done_as_one_map_and_each_is_given_when_complete(
+    monkeypatch: pytest.MonkeyPatch, count: str
+) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", count)
+    groups = [[3, 1], [], [2, -1, 5], [4]]
+    outcomes = list(parallel_groups(square, groups, rejects=ShapeRejected, label="test"))
+    assert sorted(number for number, _, _ in outcomes) == [0, 1, 2, 3]
+    assert {number: results for number, results, _ in outcomes} == {0: [1], 1: [], 2: [4, 1, 25], 3: [16]}
+    assert {number: [item.shape_id for item in rejected] for number, _, rejected in outcomes if rejected} == {
+        0: ["three"]
+    }

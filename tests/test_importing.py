@@ -143,10 +143,10 @@ def test_a_film_becomes_a_plate_or_is_rejected_where_plates_are_too_thin() -> No
 
 
 def test_missing_system_libraries_are_never_a_rejection(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(mesh: Mesh) -> Mesh:
+    def missing(*arguments: object) -> None:
         raise InputError("apt-get install something")
 
-    monkeypatch.setattr("cagesdf.solid.wrap", missing)
+    monkeypatch.setattr("cagesdf.solid.alpha_wrap", missing)
     sheet = Mesh(BOX.vertices, BOX.faces[:1])
     with pytest.raises(InputError, match="apt-get"):
         import_shape(raw_shape({"seat": sheet}), "y", **LIMITS)

@@ -14,13 +14,15 @@ ALLOWED = {
     "frames": {"errors"},
     "cuboid": {"errors", "frames"},
     "meshes": {"errors"},
-    "solid": {"errors", "meshes", "cuboid"},
     "distance": {"errors", "meshes"},
+    "meshlab": {"errors"},
+    "solid": {"errors", "meshes", "cuboid", "distance", "meshlab"},
     "structure": {"errors", "frames", "cuboid"},
     "shape": {"frames", "meshes", "structure"},
     "alignment": RECORDS,
     "formats": RECORDS | {"alignment"},
-    "importing": RECORDS | SOLIDS,
+    "audit": RECORDS | SOLIDS,
+    "importing": RECORDS | SOLIDS | {"audit"},
     "synthesis": RECORDS | SOLIDS,
     "fitting": RECORDS | SOLIDS,
     "matching": RECORDS | SOLIDS,
@@ -36,7 +38,7 @@ ALLOWED = {
 }
 TORCH = {"models", "training", "extraction", "io/runs.py", "cli"}
 PYARROW = {"io"}
-YAML = {"params.py", "workspace.py"}
+YAML = {"params.py", "planning.py", "workspace.py"}
 
 
 def modules(package: str) -> list[Path]:

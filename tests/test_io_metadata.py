@@ -54,8 +54,8 @@ def test_a_row_without_a_column_is_refused(tmp_path: Path) -> None:
     [
         (Layout("toys", 1, LAYOUT.columns), "holds toys version 1, wanted toys version 2"),
         (Layout("tools", 2, LAYOUT.columns), "holds tools version 2, wanted toys"),
-        (Layout("toys", 2, (LAYOUT.columns[0], Column("x", pa.float32(), ""))), r"column\(s\) x missing"),
-        (Layout("toys", 2, LAYOUT.columns[1:]), r"column\(s\) name missing"),
+        (Layout("toys", 2, (LAYOUT.columns[0], Column("x", pa.float32(), "")), LAYOUT.facts), r"column\(s\) x missing"),
+        (Layout("toys", 2, LAYOUT.columns[1:], LAYOUT.facts), r"column\(s\) name missing"),
     ],
 )
 def test_another_layout_is_refused_by_name(tmp_path: Path, other: Layout, message: str) -> None:

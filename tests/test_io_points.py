@@ -13,7 +13,10 @@ from cagesdf.io.points import (
     CHUNKS_PER_GROUP,
     POINTS,
     PointChunks,
+    count_groups,
+    count_points,
     join_chunks,
+    read_groups,
     read_points,
     read_shard,
     shard_paths,
@@ -59,15 +62,15 @@ def test_joined_chunks_keep_their_names() -> None:
 def test_chunks_come_back_whole_from_several_shards(tmp_path: Path) -> None:
     pieces = [chunks("b", 5), chunks("a", 300, ("arm", "seat"))]
     for i, piece in enumerate(pieces):
-        assert write_shard(tmp_path / f"shard-000{i}.parquet", piece, np.random.default_rng(i)) == len(piece) * CHUNK
+        assert write_shard(tmp_path / f"shard-000{i}.parquet", [piece], np.random.default_rng(i)) == len(piece) * CHUNK
     assert keyed(read_points(tmp_path)) == keyed(join_chunks(pieces))
 
 
 def test_a_row_group_is_256_chunks_and_its_chunks_come_from_all_over(tmp_path: Path) -> None:
     path = tmp_path / "shard-0000.parquet"
     count = 2 * CHUNKS_PER_GROUP + 10
-    piece = join_chunks([chunks("a", CHUNKS_PER_GROUP), chunks("b", CHUNKS_PER_GROUP + 10)])
-    write_shard(path, piece, np.random.default_rng(0))
+    pieces = [chunks("a", CHUNKS_PER_GROUP), chunks("b", CHUNKS_PER_GROUP + 10)]
+    write_shard(path, pieces, np.random.default_rng(0))
     groups = list(read_shard(path))
     assert [len(group) for group in groups] == [CHUNKS_PER_GROUP, CHUNKS_PER_GROUP, count - 2 * CHUNKS_PER_GROUP]
     for group in groups[:2]:
@@ -77,7 +80,7 @@ def test_a_row_group_is_256_chunks_and_its_chunks_come_from_all_over(tmp_path: P
 
 def test_rows_of_the_file_have_the_documented_columns_and_types(tmp_path: Path) -> None:
     path = tmp_path / "shard-0000.parquet"
-    write_shard(path, chunks("a", 4), np.random.default_rng(0), beta=60.0)
+    write_shard(path, [chunks("a", 4)], np.random.default_rng(0), beta=60.0)
     table = pq.read_table(path)
     assert table.schema.names == ["shape_id", "step", "part_id", "x", "y", "z", "sdf", "where"]
     assert str(table.schema.field("part_id").type).startswith("dictionary")
@@ -89,7 +92,7 @@ def test_rows_of_the_file_have_the_documented_columns_and_types(tmp_path: Path) 
 
 def test_the_same_chunks_and_seed_give_the_same_bytes(tmp_path: Path) -> None:
     for name in ("x", "y"):
-        write_shard(tmp_path / name, chunks("a", 40), np.random.default_rng(3))
+        write_shard(tmp_path / name, [chunks("a", 40)], np.random.default_rng(3))
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
 
 
@@ -99,7 +102,7 @@ def test_a_folder_without_shards_is_refused(tmp_path: Path) -> None:
 
 
 def test_rows_that_are_no_whole_chunks_or_mix_parts_are_refused(tmp_path: Path) -> None:
-    write_shard(tmp_path / "whole.parquet", chunks("a", 4), np.random.default_rng(0))
+    write_shard(tmp_path / "whole.parquet", [chunks("a", 4)], np.random.default_rng(0))
     table = pq.read_table(tmp_path / "whole.parquet")
     schema = POINTS.schema()
     pq.write_table(table.slice(0, 100).cast(schema), tmp_path / "cut.parquet")
@@ -111,3 +114,30 @@ def test_rows_that_are_no_whole_chunks_or_mix_parts_are_refused(tmp_path: Path) 
     pq.write_table(mixed.cast(schema), tmp_path / "mixed.parquet")
     with pytest.raises(InputError, match="mixes shapes, steps or parts"):
         list(read_shard(tmp_path / "mixed.parquet"))
+
+
+def test_points_of_another_frame_sign_or_scale_are_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "shard-0000.parquet"
+    for fact, value in {"frame": "raw", "sign": "positive inside", "scale": "metres", "version": 9}.items():
+        write_shard(path, [chunks("a", 4)], np.random.default_rng(0), **{fact: value})
+        with pytest.raises(InputError, match=rf"shard-0000\.parquet.*{fact}.*wanted"):
+            read_points(tmp_path)
+
+
+def test_pieces_are_written_as_if_they_had_been_joined(tmp_path: Path) -> None:
+    pieces = [chunks("b", 130), chunks("a", 300, ("arm", "seat")), chunks("c", 1)]
+    write_shard(tmp_path / "shard-0000.parquet", pieces, np.random.default_rng(4))
+    whole = join_chunks(pieces)
+    expected = whole.take(np.random.default_rng(4).permutation(len(whole)))
+    read = read_points(tmp_path)
+    for name in ("xyz", "sdf", "near", "step", "shape_id", "part"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(expected, name))
+    assert (read.shape_ids, read.part_ids) == (whole.shape_ids, whole.part_ids)
+
+
+def test_some_row_groups_are_read_alone(tmp_path: Path) -> None:
+    path = tmp_path / "shard-0000.parquet"
+    write_shard(path, [chunks("a", 3 * CHUNKS_PER_GROUP)], np.random.default_rng(0))
+    assert (count_groups(path), count_points(tmp_path)) == (3, 3 * CHUNKS_PER_GROUP * CHUNK)
+    whole = read_points(tmp_path)
+    np.testing.assert_array_equal(read_groups(path, [0, 2]).xyz, whole.xyz[np.r_[0:256, 512:768]])

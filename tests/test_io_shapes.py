@@ -20,7 +20,9 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 def made(shape_id: str, split: str = "train", method: str = "none") -> Shape:
     meshes = [from_manifold(manifold3d.Manifold.sphere(1.0, n).translate([n, 0, 0])) for n in (8, 12)]
-    parts = tuple(Part(str(i), "ball", mesh, Repair(method, 9, len(mesh.faces), 4.0)) for i, mesh in enumerate(meshes))
+    parts = tuple(
+        Part(str(i), "ball", mesh, Repair(method, 9, len(mesh.faces), 4.0, 0.5, 1, 2)) for i, mesh in enumerate(meshes)
+    )
     similarity = Similarity(2.0, np.eye(3), np.arange(3.0))
     return Shape(shape_id, split, parts, PartHierarchy.flat(("0", "1"), ("ball", "ball"), "toy"), similarity)
 
@@ -59,7 +61,7 @@ def test_tables_of_another_kind_version_or_origin_are_refused_by_name(tmp_path: 
     with pytest.raises(InputError, match="no such file; wanted a table of cuboids"):
         read_cages(tmp_path)
     (tmp_path / "cuboids.parquet").write_bytes((tmp_path / "parts.parquet").read_bytes())
-    with pytest.raises(InputError, match="holds parts version 1, wanted cuboids version 2"):
+    with pytest.raises(InputError, match="holds parts version 2, wanted cuboids version 2"):
         read_cages(tmp_path)
     pq.write_table(pa.table({"x": [1]}), tmp_path / "cuboids.parquet")
     with pytest.raises(InputError, match="no cagesdf block"):

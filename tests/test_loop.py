@@ -12,13 +12,12 @@ from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training import checkpoint as checkpoint_module
-from cagesdf.training.batches import latent_keys, training_set
+from cagesdf.training.batches import MemoryBatches, latent_keys, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.loop import TrainSettings, rate, train
 
 SETTINGS = TrainSettings(
     steps=20,
-    batch_chunks=4,
     learning_rate=5e-3,
     latent_learning_rate=5e-3,
     schedule="cosine",
@@ -28,7 +27,6 @@ SETTINGS = TrainSettings(
     precision="float32",
     log_every=3,
     checkpoint_every=5,
-    seed=0,
 )
 
 
@@ -37,13 +35,18 @@ class Stopped(BaseException):
 
 
 def training(
-    folder: Path, settings: TrainSettings = SETTINGS, stop: int | None = None, decoder: str = "LocalCageDecoder"
+    folder: Path,
+    settings: TrainSettings = SETTINGS,
+    stop: int | None = None,
+    decoder: str = "LocalCageDecoder",
+    batch: int = 4,
+    seed: int = 0,
 ) -> tuple[dict[str, Any], list[dict[str, int | float]], list[int]]:
     """Train on the spheres; weights and latents, the log, and the steps reported."""
     chunks = spheres.chunks((30, 30, 30, 30))
     table = LatentTable.drawn(latent_keys(chunks, "source"), 4, 0.1, seed=0)
     network = make_decoder(decoder, width=24, layers=3, latent_dim=4, mapping=(16,), octaves=1, seed=0)
-    groups = training_set(chunks, spheres.sequences(), table)
+    batches = MemoryBatches(training_set(chunks, spheres.sequences(), table), batch, seed)
     reported: list[int] = []
 
     def report(step: int, loss: float) -> None:
@@ -51,13 +54,13 @@ def training(
         if stop is not None and step >= stop:
             raise Stopped
 
-    log = train(network, table, groups, settings, Checkpoint(folder), report)
+    log = train(network, table, batches, settings, Checkpoint(folder), report)
     return {**network.state_dict(), "latents": table.values.detach()}, log, reported
 
 
 @pytest.mark.parametrize("decoder", sorted(DECODERS))
 def test_a_few_dozen_steps_learn_the_spheres(decoder: str, tmp_path: Path) -> None:
-    log = training(tmp_path, replace(SETTINGS, steps=60, batch_chunks=16, learning_rate=1e-2), decoder=decoder)[1]
+    log = training(tmp_path, replace(SETTINGS, steps=60, learning_rate=1e-2), decoder=decoder, batch=16)[1]
     assert log[-1]["l1"] < 0.2 * log[0]["l1"]
     assert log[-1]["l1"] < 0.1
 
@@ -70,7 +73,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_others(
     one, same = training(tmp_path / "a", settings), training(tmp_path / "b", settings)
     assert all(torch.equal(one[0][name], same[0][name]) for name in one[0])
     assert one[1] == same[1]
-    other = training(tmp_path / "c", replace(settings, seed=1))[0]
+    other = training(tmp_path / "c", settings, seed=1)[0]
     assert not torch.equal(one[0]["latents"], other["latents"])
 
 

@@ -97,3 +97,17 @@ def test_a_surface_without_area_can_not_be_sampled() -> None:
     flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], dtype=np.int32))
     with pytest.raises(ValueError, match="no area"):
         sample_surface(flat, 5, np.random.default_rng(0))
+
+
+def test_any_number_of_vertices_in_one_place_are_one_and_too_many_near_ones_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A fan as loose triangles: pairs of its centre's copies would fill the memory."""
+    around = np.linspace(0, 2 * np.pi, 20_001)
+    rim = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
+    corners = np.stack([np.zeros_like(rim[1:]), rim[:-1], rim[1:]], axis=1)
+    fan = Mesh(corners.reshape(-1, 3), np.arange(60_000, dtype=np.int32).reshape(-1, 3))
+    assert len(weld(fan, 1e-7).vertices) == 20_001 + 1 - 1
+    monkeypatch.setattr("cagesdf.meshes.MAX_PAIRS", 1000)
+    with pytest.raises(ValueError, match=r"nearer than 0\.01"):
+        weld(fan, 0.01)

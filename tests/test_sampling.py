@@ -4,16 +4,28 @@ import numpy as np
 import pytest
 import toy
 from analytic import box_sdf, sphere_sdf
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.stats import ks_2samp, kstest
 
+from cagesdf import sampling
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.sampling import Samples, sample_near, sample_points, uniform_in
+from cagesdf.sampling import Samples, bound_cells, sample_near, sample_points, uniform_in, weight_bound
 from cagesdf.solid import union
 
 SIZE = np.array([0.9, 0.5, 0.2])
+SEEN = 40_000  # points from which on a wrong bound shows
+# Turned so that the board's normal lies along the cells' diagonal, where their bound is tight.
+TURN = np.linalg.qr(np.array([[1.0, 1, 1], [1, -1, 0], [1, 1, -2]]).T)[0][:, [1, 2, 0]]
+
+
+def board_sdf(points: np.ndarray) -> np.ndarray:
+    """Distance to the turned board, in closed form."""
+    return box_sdf(points @ TURN, SIZE)
 
 
 def plain_rejection(count: int, beta: float, rng: np.random.Generator) -> np.ndarray:
@@ -21,46 +33,129 @@ def plain_rejection(count: int, beta: float, rng: np.random.Generator) -> np.nda
     points = np.zeros((0, 3))
     while len(points) < count:
         drawn = rng.uniform(-HALF_EXTENT, HALF_EXTENT, (500_000, 3))
-        points = np.concatenate([points, drawn[rng.random(len(drawn)) < np.exp(-beta * np.abs(box_sdf(drawn, SIZE)))]])
+        points = np.concatenate([points, drawn[rng.random(len(drawn)) < np.exp(-beta * np.abs(board_sdf(drawn)))]])
     return points[:count]
 
 
 @pytest.fixture(scope="module")
 def board() -> SurfaceDistance:
-    return SurfaceDistance(toy.box([0, 0, 0], SIZE))
+    box = toy.box([0, 0, 0], SIZE)
+    return SurfaceDistance(box.with_vertices(box.vertices @ TURN.T))
 
 
-@pytest.mark.parametrize("beta", [10.0, 60.0])
-def test_importance_samples_are_distributed_as_by_plain_rejection(board: SurfaceDistance, beta: float) -> None:
-    ours = sample_near(board, 8000, beta, np.random.default_rng(1))
-    plain = plain_rejection(8000, beta, np.random.default_rng(2))
-    assert ks_2samp(np.abs(box_sdf(ours, SIZE)), np.abs(box_sdf(plain, SIZE))).pvalue > 0.01
-    assert ks_2samp(box_sdf(ours, SIZE), box_sdf(plain, SIZE)).pvalue > 0.01
-    for axis in range(3):
-        assert ks_2samp(ours[:, axis], plain[:, axis]).pvalue > 0.01
+@pytest.fixture(scope="module")
+def plain() -> np.ndarray:
+    return plain_rejection(SEEN, 60.0, np.random.default_rng(2))
+
+
+def agreement(ours: np.ndarray, plain: np.ndarray) -> float:
+    """The least p of Kolmogorov and Smirnov's test over |sdf|, sdf, and the coordinates in two frames."""
+
+    def columns(points: np.ndarray) -> list[np.ndarray]:
+        sdf = board_sdf(points)
+        return [np.abs(sdf), sdf, *points.T, *(points @ TURN).T]
+
+    return min(ks_2samp(a, b).pvalue for a, b in zip(columns(ours), columns(plain)))
+
+
+def few_at_a_time(board: SurfaceDistance) -> np.ndarray:
+    """SEEN points, a hundred a call: cells are coarsest then, and a wrong bound of theirs matters most."""
+    return np.concatenate([sample_near(board, 100, 60.0, np.random.default_rng([1, k]))[0] for k in range(SEEN // 100)])
+
+
+def test_importance_samples_are_distributed_as_by_plain_rejection(board: SurfaceDistance, plain: np.ndarray) -> None:
+    points, _ = sample_near(board, SEEN, 60.0, np.random.default_rng(1))
+    assert agreement(points, plain) > 1e-3
+
+
+def test_a_gentle_weight_is_sampled_as_by_plain_rejection(board: SurfaceDistance) -> None:
+    points, _ = sample_near(board, SEEN, 10.0, np.random.default_rng(1))
+    assert agreement(points, plain_rejection(SEEN, 10.0, np.random.default_rng(2))) > 1e-3
+
+
+def test_the_density_does_not_depend_on_how_far_the_tree_is_refined(board: SurfaceDistance, plain: np.ndarray) -> None:
+    """The tree's depth follows the number of points; a few must be distributed as many."""
+    assert agreement(few_at_a_time(board), plain) > 1e-3
+
+
+def test_the_comparison_sees_cells_bounded_by_their_centres(
+    board: SurfaceDistance, plain: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sampling, "HALF_DIAGONAL", 0)
+    assert agreement(few_at_a_time(board), plain) < 1e-6
+
+
+def test_the_comparison_sees_a_distance_taken_to_change_half_as_fast_as_it_may(
+    board: SurfaceDistance, plain: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_low(distance: np.ndarray, way: np.ndarray, beta: float) -> np.ndarray:
+        return weight_bound(distance, 0.5 * way, beta)
+
+    monkeypatch.setattr(sampling, "weight_bound", too_low)
+    assert agreement(few_at_a_time(board), plain) < 1e-6
+
+
+def solids(rng: np.random.Generator) -> SurfaceDistance:
+    """The union of a few balls and turned boxes."""
+    meshes = [toy.ball(rng.uniform(-0.6, 0.6, 3), rng.uniform(0.02, 0.4), 24) for _ in range(rng.integers(1, 4))]
+    for turn in Rotation.random(rng.integers(0, 4), rng=rng).as_matrix():
+        box = toy.box([0, 0, 0], rng.uniform(0.01, 0.6, 3))
+        meshes.append(box.with_vertices(box.vertices @ turn.T + rng.uniform(-0.5, 0.5, 3)))
+    return SurfaceDistance(union(meshes))
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([5.0, 60.0, 400.0]), st.sampled_from([10, 300, 5000]))
+def test_no_weight_in_a_cell_exceeds_its_bounds(seed: int, beta: float, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    surface = solids(rng)
+    cells = bound_cells(surface, count, beta)
+    offsets = np.concatenate([rng.uniform(-0.5, 0.5, (len(cells.width), 3)), rng.choice([-0.5, 0.5], (2000, 3))])
+    cell = np.concatenate([np.arange(len(cells.width)), rng.integers(len(cells.width), size=2000)])
+    points = (cells.centre[cell] + offsets * cells.width[cell, None]).astype(np.float32).astype(np.float64)
+    weights = np.exp(-beta * surface.unsigned(points))
+    way = np.linalg.norm(points - cells.centre[cell], axis=1)
+    assert (weights <= weight_bound(cells.distance[cell], way, beta) * (1 + 1e-9)).all()
+    assert (weight_bound(cells.distance[cell], way, beta) <= cells.bound[cell]).all()
+
+
+def test_cells_fill_the_cube_once(board: SurfaceDistance) -> None:
+    cells = bound_cells(board, 5000, 60.0)
+    assert (cells.width**3).sum() == pytest.approx((2 * HALF_EXTENT) ** 3, rel=1e-12)
+    probe = np.random.default_rng(0).uniform(-HALF_EXTENT, HALF_EXTENT, (500, 3))
+    within = np.abs(probe[:, None] - cells.centre).max(axis=2) <= cells.width / 2
+    np.testing.assert_array_equal(within.sum(axis=1), 1)
 
 
 def test_importance_samples_of_a_thin_sheet_are_distributed_as_their_closed_form() -> None:
     """Far from its rim, a sheet's distance |z| has the density β·exp(−β|z|)."""
     sheet = SurfaceDistance(toy.box([0, 0, 0], [2, 2, 1e-6]))
-    points = sample_near(sheet, 8000, 60.0, np.random.default_rng(3))
+    points, _ = sample_near(sheet, 8000, 60.0, np.random.default_rng(3))
     inner = points[(np.abs(points[:, :2]) < 0.7).all(axis=1)]
     assert kstest(np.abs(inner[:, 2]), "expon", args=(0, 1 / 60)).pvalue > 0.01
     assert kstest(inner[:, 0], "uniform", args=(-0.7, 1.4)).pvalue > 0.01
 
 
 def test_no_importance_sample_is_drawn_twice_and_none_lies_beyond_the_cube(board: SurfaceDistance) -> None:
-    points = sample_near(board, 5000, 60.0, np.random.default_rng(4))
-    assert points.shape == (5000, 3)
-    assert len(np.unique(points, axis=0)) == 5000
+    points, _ = sample_near(board, 100_000, 60.0, np.random.default_rng(4))
+    assert points.shape == (100_000, 3)
+    assert len(np.unique(points, axis=0)) == 100_000
     assert np.abs(points).max() <= np.float32(HALF_EXTENT)
 
 
-def test_the_density_does_not_depend_on_how_far_the_tree_is_refined(board: SurfaceDistance) -> None:
-    """The tree's depth follows the number of points; a few must be distributed as many."""
-    many = sample_near(board, 20000, 60.0, np.random.default_rng(5))
-    few = np.concatenate([sample_near(board, 40, 60.0, np.random.default_rng(100 + k)) for k in range(50)])
-    assert ks_2samp(box_sdf(many, SIZE), box_sdf(few, SIZE)).pvalue > 0.01
+def test_importance_samples_come_with_their_signed_distances(board: SurfaceDistance) -> None:
+    points, sdf = sample_near(board, 5000, 60.0, np.random.default_rng(4))
+    np.testing.assert_allclose(sdf, board_sdf(points), atol=1e-12)
+    np.testing.assert_array_equal(points, points.astype(np.float32))
+
+
+def test_what_is_drawn_beyond_the_wanted_number_is_left_out_at_random(
+    board: SurfaceDistance, plain: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Candidates are drawn cell by cell; with a margin as large as the number wanted, half must go."""
+    monkeypatch.setattr(sampling, "MARGIN", 2 * SEEN)
+    points, _ = sample_near(board, SEEN // 4, 60.0, np.random.default_rng(6))
+    assert agreement(points, plain) > 1e-3
 
 
 def test_points_in_cuboids_fill_them_evenly() -> None:
@@ -108,6 +203,19 @@ def test_every_part_gets_its_minimum_and_no_point_of_another_kind_is_lost() -> N
     assert (count >= 300).all()
     assert samples.near.sum() == 3000
     assert (~samples.near).sum() >= 500 + 300 * len(cage)
+
+
+def test_thin_and_small_cuboids_get_their_minimum_too() -> None:
+    """A needle, a sheet, a speck and a box that another covers but for a hundredth, around a plain ball."""
+    size = np.array([[1.0, 1, 1], [1e-3, 1.5, 1e-3], [1, 1e-3, 1], [1e-3, 1e-3, 1e-3], [0.9, 1.01, 0.9]])
+    centre = np.array([[0.0, 0, 0], [0.3, 0, 0.1], [0, 0.8, 0], [0.9, 0, 0], [0, 0, 0]])
+    cage = Cage(tuple("abcde"), centre, np.tile(np.eye(3), (5, 1, 1)), size)
+    surface = SurfaceDistance(toy.ball([0, 0, 0], 0.5))
+    samples = sample_points(surface, cage, 500, 200, 100, 60.0, 64, np.random.default_rng(0))
+    owned = np.bincount(samples.part, minlength=5) * 64
+    assert (owned >= 100).all()
+    points = samples.points.reshape(-1, 3).astype(np.float64)
+    np.testing.assert_array_equal(cage.assign(points)[0], np.repeat(samples.part, 64))
 
 
 def test_uniform_points_fill_the_cube() -> None:

@@ -1,9 +1,6 @@
 """The repair chain gives back volume, sign and place of solids that were broken on purpose."""
 
-import builtins
-import sys
-from types import SimpleNamespace
-
+import broken
 import manifold3d
 import numpy as np
 import pytest
@@ -12,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.distance import SurfaceDistance
-from cagesdf.errors import InputError
+from cagesdf.errors import NotSolidError
 from cagesdf.meshes import Mesh, is_closed, join, signed_volume, weld
 from cagesdf.solid import (
     METHODS,
     TIGHT,
-    NotSolidError,
     as_manifold,
     cap,
     make_solid,
@@ -35,7 +31,8 @@ TUBE = toy.from_manifold(
 
 
 def solid(mesh: Mesh) -> tuple[Mesh, str]:
-    return make_solid(mesh, 1e-5, 1e-4)
+    found = make_solid(mesh, 1e-5, 1e-4)
+    return found.mesh, found.method
 
 
 def flipped(mesh: Mesh) -> Mesh:
@@ -234,25 +231,6 @@ def test_what_can_not_be_solid_is_refused_with_the_reason(mesh: Mesh, reason: st
         make_solid(mesh, 1e-9, 1e-3)
 
 
-def test_missing_system_libraries_are_an_input_error_with_the_line_that_installs_them(monkeypatch) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest, **named):
-        if name == "pymeshlab":
-            raise ImportError("libGL.so.1: cannot open shared object file")
-        return real(name, *rest, **named)
-
-    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], dtype=np.int32))
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match="apt-get install libgl1 libopengl0 libegl1"):
-        solid(sheet)
-    monkeypatch.setattr(builtins, "__import__", real)
-    part = SimpleNamespace(MeshSet=lambda verbose: SimpleNamespace(add_mesh=lambda mesh: None), Mesh=lambda v, f: None)
-    monkeypatch.setitem(sys.modules, "pymeshlab", part)
-    with pytest.raises(InputError, match="apt-get install libgl1 libopengl0 libegl1"):
-        solid(sheet)
-
-
 def test_pieces_fall_apart_where_more_than_two_faces_meet() -> None:
     touching = join([toy.box([-0.5, -0.5, 0], [1, 1, 1]), toy.box([0.5, 0.5, 0], [1, 1, 1])])
     parts = pieces(weld(touching, 1e-6))
@@ -263,3 +241,42 @@ def test_pieces_fall_apart_where_more_than_two_faces_meet() -> None:
 def test_the_union_refuses_an_open_mesh_by_its_place() -> None:
     with pytest.raises(ValueError, match="mesh 1 of 2"):
         union([BOX, Mesh(BOX.vertices, BOX.faces[1:])])
+
+
+@pytest.mark.parametrize("limit", ["MAX_PIECES", "MAX_OPEN_EDGES"])
+def test_what_is_too_much_to_close_piece_by_piece_is_wrapped(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tube = opened(TUBE, 2, 1)
+    assert solid(tube)[1] == "capped"
+    monkeypatch.setattr(f"cagesdf.solid.{limit}", 0)
+    assert solid(tube)[1] == "wrapped"
+
+
+def test_more_sheets_than_can_be_wrapped_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cagesdf.solid.MAX_FACES", 1)
+    sheet = Mesh(BOX.vertices, BOX.faces[:1])
+    with pytest.raises(NotSolidError, match="4 of its faces have no thickness, at most 1"):
+        solid(join([sheet, sheet.with_vertices(sheet.vertices + 0.2)]))
+
+
+def test_thousands_of_solids_in_one_part_stay_as_they_are() -> None:
+    """In a time that grows with their number, not its square."""
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.9, 0.9, 12)] * 3), axis=-1).reshape(-1, 3)
+    beads = join([toy.box(place, [0.05, 0.05, 0.05]) for place in grid])
+    result, method = solid(beads)
+    assert method == "none"
+    assert result is beads
+
+
+def test_pieces_and_sheets_that_are_left_out_or_thickened_are_counted() -> None:
+    sheet = Mesh(np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.2, 0]]), np.array([[0, 1, 2]], dtype=np.int32))
+    buried = make_solid(join([BOX, sheet]), 1e-5, 1e-4)
+    assert (buried.method, buried.dropped, buried.plates) == ("capped", 1, 0)
+    outside = make_solid(join([BOX, sheet, sheet.with_vertices(sheet.vertices + np.array([0, 0, 0.5]))]), 1e-5, 1e-4)
+    assert (outside.method, outside.dropped, outside.plates) == ("wrapped", 1, 1)
+
+
+def test_a_surface_that_runs_into_itself_becomes_its_outside() -> None:
+    coil = make_solid(broken.loop(0, 7), 1e-5, 1e-4)
+    assert coil.method == "untangled"
+    assert_same_solid(coil.mesh, union([broken.loop(0, 4), broken.loop(3.5, 7)]), 1e-6)
+    assert make_solid(broken.loop(0, 5), 1e-5, 1e-4).method == "none"

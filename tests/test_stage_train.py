@@ -13,7 +13,8 @@ from cagesdf.errors import InputError
 from cagesdf.io.points import write_shard
 from cagesdf.io.runs import read_run
 from cagesdf.io.sequences import write_sequences
-from cagesdf.training import loop
+from cagesdf.training.batches import Batches, MemoryBatches
+from cagesdf.training.points import StreamedBatches
 from pipeline import Params, TrainParams, artefact, load
 from stages.train import main
 
@@ -51,7 +52,7 @@ def inputs(tmp_path: Path) -> tuple[Path, Path, Path]:
         write_sequences(folder, spheres.sequences().values(), {name: np.zeros((2, 1)) for name in names})
     with artefact.write("points", paths[0], inputs={}, params=params) as folder:
         write_shard(
-            folder / "shard-0000.parquet", spheres.chunks((30, 20, 80, 70), reach=0.8), np.random.default_rng(0)
+            folder / "shard-0000.parquet", [spheres.chunks((30, 20, 80, 70), reach=0.8)], np.random.default_rng(0)
         )
     return paths
 
@@ -80,38 +81,56 @@ def test_the_stage_says_which_points_it_trained_on(
     assert text in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("memory", "way"), [("1G", MemoryBatches), ("1K", StreamedBatches)])
 def test_an_interrupted_stage_leaves_no_output_and_resumed_gives_the_same_bytes(
-    inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    memory: str,
+    way: type[Batches],
+    inputs: tuple[Path, Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv("CAGESDF_MEMORY", memory)
     main(*inputs, out=tmp_path / "whole", params=arm("cagesdf"))
-    order = loop.BatchOrder.at
+    order = way.at
 
-    def interrupted(self: loop.BatchOrder, step: int) -> object:
+    def interrupted(self: Batches, step: int) -> object:
         if step == 9:
             raise KeyboardInterrupt
         return order(self, step)
 
     with monkeypatch.context() as patch:
-        patch.setattr(loop.BatchOrder, "at", interrupted)
+        patch.setattr(way, "at", interrupted)
         with pytest.raises(KeyboardInterrupt):
             main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
     assert not (tmp_path / "run").exists()
     assert len(list(Path("checkpoints").glob("*/training.safetensors"))) == 1
     steps: list[int] = []
 
-    def noted(self: loop.BatchOrder, step: int) -> object:
+    def noted(self: Batches, step: int) -> object:
         steps.append(step)
         return order(self, step)
 
     with monkeypatch.context() as patch:
-        patch.setattr(loop.BatchOrder, "at", noted)
+        patch.setattr(way, "at", noted)
         main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
     assert steps == [8, 9, 10, 11]
     for path in sorted((tmp_path / "whole").iterdir()):
         assert path.read_bytes() == (tmp_path / "run" / path.name).read_bytes(), path.name
 
 
-def test_a_checkpoint_of_other_parameters_or_inputs_is_not_taken_up(
+def test_streaming_trains_on_as_many_points_and_says_so(
+    inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(*inputs, out=tmp_path / "loaded", params=arm("deepsdf"))
+    monkeypatch.setenv("CAGESDF_MEMORY", "1K")
+    main(*inputs, out=tmp_path / "streamed", params=arm("deepsdf"))
+    runs = [read_run(tmp_path / name) for name in ("loaded", "streamed")]
+    assert runs[0].points == runs[1].points
+    assert runs[0].latents.keys == runs[1].latents.keys
+    assert "streamed, as memory is limited" in capsys.readouterr().out
+
+
+def test_a_checkpoint_of_other_parameters_inputs_or_way_of_reading_is_not_taken_up(
     inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def kept(*_: object) -> None:
@@ -119,16 +138,17 @@ def test_a_checkpoint_of_other_parameters_or_inputs_is_not_taken_up(
 
     with monkeypatch.context() as patch:
         patch.setattr("stages.train.write_run", kept)
-        for change in ({}, {"seed": 9}):
+        for change, memory in (({}, "1G"), ({"seed": 9}, "1G"), ({}, "1K")):
+            patch.setenv("CAGESDF_MEMORY", memory)
             with pytest.raises(KeyboardInterrupt):
                 main(*inputs, out=tmp_path / "run", params=arm("cagesdf", **change))
         with artefact.write("points", inputs[0], inputs={}, params=Params(format=1)) as folder:
             write_shard(
-                folder / "shard-0000.parquet", spheres.chunks((70, 70, 70, 70), reach=0.8), np.random.default_rng(0)
+                folder / "shard-0000.parquet", [spheres.chunks((70, 70, 70, 70), reach=0.8)], np.random.default_rng(0)
             )
         with pytest.raises(KeyboardInterrupt):
             main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
-    assert len(list(Path("checkpoints").iterdir())) == 3
+    assert len(list(Path("checkpoints").iterdir())) == 4
 
 
 def test_inputs_of_the_wrong_kind_and_points_without_cages_are_refused_by_name(

@@ -21,7 +21,7 @@ from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats import shapeassembly, structurenet
 from cagesdf.formats.partnet import TREE, read_candidates, read_partnet
-from cagesdf.formats.parts_folder import SCENE_SUFFIXES, read_parts_file, read_parts_folder
+from cagesdf.formats.parts_folder import MESH_SUFFIXES, SCENE_SUFFIXES, part_files, read_parts_file, read_parts_folder
 from cagesdf.formats.shapeassembly import find_program, read_assembly
 from cagesdf.formats.structurenet import find_hierarchy
 from cagesdf.meshes import Mesh
@@ -68,6 +68,22 @@ def list_shapes(folder: Path, include: str) -> list[ShapeSource]:
         ShapeSource(shape_id, split(shape_id), path, find_hierarchy(folder, shape_id), find_program(folder, shape_id))
         for shape_id, path in sorted(places.items())
     ]
+
+
+def find_shapes(path: Path) -> list[ShapeSource]:
+    """The shapes at a path: a mesh file, a folder of part meshes, a PartNet shape, or a folder of shapes.
+
+    Meshes side by side are the parts of one shape, which is taken by itself, without hierarchies
+    or programs beside it. Raises InputError if nothing of the kind is there.
+    """
+    if path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
+        return [ShapeSource(path.stem, "train", path, None, None)]
+    if not path.is_dir():
+        known = "no such file or folder" if not path.exists() else "no mesh"
+        raise InputError(f"{path}: {known}; wanted one {', '.join(MESH_SUFFIXES)} file, or a folder of them")
+    if (path / TREE).is_file() or part_files(path):
+        return [ShapeSource(path.resolve().name, "train", path, None, None)]
+    return list_shapes(path, "*")
 
 
 def read_shape(source: ShapeSource) -> RawShape:

@@ -42,6 +42,8 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
     """One shape from one OBJ, whose objects or groups are the parts, or one GLB, whose scene nodes are.
 
+    A PLY or STL file, which has neither, is a shape of one part.
+
     Raises InputError if the file can't be read or has no faces.
     """
     parts = read_obj_groups(path) if path.suffix.lower() == ".obj" else _read_scene(path)

@@ -6,7 +6,8 @@ understand, by name.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import pyarrow.parquet as pq
 from cagesdf.errors import InputError
 
 KEY = b"cagesdf"
-COMPRESSION = {"compression": "zstd", "compression_level": 3}
+COMPRESSION = {"compression": "zstd", "compression_level": 3, "write_page_checksum": True}
 
 
 @dataclass(frozen=True)
@@ -64,25 +65,25 @@ class Layout:
         """All rows. Raises InputError as `check` does."""
         return self.open(path).read().to_pylist()
 
-    def open(self, path: Path) -> pq.ParquetFile:
+    def open(self, path: Path) -> "TableFile":
         """Open a file of this layout. Raises InputError if it is missing or something else."""
         if not path.is_file():
             raise InputError(f"{path}: no such file; wanted a table of {self.kind}")
-        try:
-            file = pq.ParquetFile(path)
-        except pa.ArrowInvalid as error:
-            raise InputError(f"{path}: not a readable Parquet file ({error}); rerun the stage that wrote it") from error
+        file = TableFile(path)
         self.check(file.schema_arrow, path)
         return file
 
     def check(self, schema: pa.Schema, path: Path) -> None:
-        """Raise InputError unless the schema is this layout's: kind, version, columns and types."""
+        """Raise InputError unless the schema is this layout's: kind, version, facts, columns and types."""
         block = read_block(schema, path)
         if block.get("kind") != self.kind or block.get("version") != self.version:
             raise InputError(
                 f"{path}: holds {block.get('kind')} version {block.get('version')}, "
                 f"wanted {self.kind} version {self.version}; rerun the stage that wrote it"
             )
+        for fact, wanted in self.facts.items():
+            if block.get(fact) != wanted:
+                raise InputError(f"{path}: its {fact} is {block.get(fact)!r}, wanted {wanted!r}; rerun the stage")
         wrong = [
             column.name
             for column in self.columns
@@ -92,8 +93,40 @@ class Layout:
             raise InputError(f"{path}: column(s) {', '.join(wrong)} missing or of another type; rerun the stage")
 
 
+class TableFile(pq.ParquetFile):
+    """A Parquet file whose pages are checked as they are read. A damaged one is an InputError that names it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._readable():
+            super().__init__(path, page_checksum_verification=True)
+
+    def read(self, *args: Any, **options: Any) -> pa.Table:
+        """As ParquetFile's."""
+        with self._readable():
+            return super().read(*args, **options)
+
+    def read_row_group(self, *args: Any, **options: Any) -> pa.Table:
+        """As ParquetFile's."""
+        with self._readable():
+            return super().read_row_group(*args, **options)
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        try:
+            yield
+        except (pa.ArrowException, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(
+                f"{self.path}: not a readable Parquet file ({reason}); rerun the stage that wrote it"
+            ) from error
+
+
 def read_block(schema: pa.Schema, path: Path) -> dict[str, Any]:
     """The `cagesdf` block of a schema. Raises InputError if there is none."""
     if not schema.metadata or KEY not in schema.metadata:
         raise InputError(f"{path}: its schema has no cagesdf block, so it was not written by this project")
-    return json.loads(schema.metadata[KEY])
+    try:
+        return json.loads(schema.metadata[KEY])
+    except ValueError as error:
+        raise InputError(f"{path}: its cagesdf block is no JSON ({error}); rerun the stage that wrote it") from error

@@ -2,11 +2,11 @@
 
 A chunk is CHUNK rows that share shape, step and part, so that a network's FiLM parameters are
 computed once for all of them. The order of chunks is shuffled over the shard; a row group is
-CHUNKS_PER_GROUP chunks, so any row group is a random batch of groups.
+CHUNKS_PER_GROUP chunks, so any row group is a random batch of groups, and so are some in a row.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,13 @@ POINTS = Layout(
         Column("sdf", pa.float32(), "signed distance to the deformed shape, canonical units"),
         Column("where", _IDS, "near: importance sampled; uniform: in the cube or in the cuboid"),
     ),
-    {"frame": "canonical", "sign": "negative inside", "clamp": "none", "chunk": CHUNK},
+    {
+        "frame": "canonical",
+        "sign": "negative inside",
+        "scale": "the source shape's farthest vertex is at 1",
+        "clamp": "none",
+        "chunk": CHUNK,
+    },
 )
 
 
@@ -76,7 +82,8 @@ def join_chunks(pieces: Iterable[PointChunks]) -> PointChunks:
     part_ids = tuple(sorted({name for piece in pieces for name in piece.part_ids}))
 
     def renumber(values: ndarray, old: tuple[str, ...], new: tuple[str, ...]) -> ndarray:
-        table = np.array([new.index(name) for name in old], dtype=np.int32)
+        place = {name: i for i, name in enumerate(new)}
+        table = np.array([place[name] for name in old], dtype=np.int32)
         return table[values] if len(old) else np.zeros(0, np.int32)
 
     return PointChunks(
@@ -91,18 +98,32 @@ def join_chunks(pieces: Iterable[PointChunks]) -> PointChunks:
     )
 
 
-def write_shard(path: Path, chunks: PointChunks, rng: np.random.Generator, **facts: object) -> int:
-    """Write one shard, its chunks in an order drawn from `rng`; returns the number of rows.
+def write_shard(path: Path, pieces: Sequence[PointChunks], rng: np.random.Generator, **facts: object) -> int:
+    """Write one shard, the chunks of all pieces in an order drawn from `rng`; returns the number of rows.
 
-    `facts` (sampler, seeds, counts) join the schema's block.
+    `facts` (sampler, seeds, counts) join the schema's block. What is held beside `pieces` is a row group.
     """
     schema = POINTS.schema(**facts)
-    chunks = chunks.take(rng.permutation(len(chunks)))
+    ends = np.cumsum([len(piece) for piece in pieces])
+    order = rng.permutation(int(ends[-1]))
     with pq.ParquetWriter(path, schema, use_dictionary=["shape_id", "part_id", "where"], **COMPRESSION) as writer:
-        for start in range(0, len(chunks), CHUNKS_PER_GROUP):
-            group = chunks.take(np.arange(start, min(start + CHUNKS_PER_GROUP, len(chunks))))
+        for start in range(0, len(order), CHUNKS_PER_GROUP):
+            group = _gathered(pieces, ends, order[start : start + CHUNKS_PER_GROUP])
             writer.write_table(_table(group, schema), row_group_size=CHUNK * CHUNKS_PER_GROUP)
-    return len(chunks) * CHUNK
+    return len(order) * CHUNK
+
+
+def _gathered(pieces: Sequence[PointChunks], ends: Int[ndarray, " p"], order: Int[ndarray, " k"]) -> PointChunks:
+    """The chunks at these positions of all pieces in a row, without joining those."""
+    owner = np.searchsorted(ends, order, side="right")
+    by_owner = np.argsort(owner, kind="stable")
+    found = []
+    for piece in np.unique(owner).tolist():
+        chunks = pieces[piece].take(order[by_owner][owner[by_owner] == piece] - (ends[piece] - len(pieces[piece])))
+        used, shape = np.unique(chunks.shape_id, return_inverse=True)
+        names = tuple(chunks.shape_ids[i] for i in used.tolist())
+        found.append(replace(chunks, shape_id=shape.astype(np.int32), shape_ids=names))
+    return join_chunks(found).take(np.argsort(by_owner))
 
 
 def _table(chunks: PointChunks, schema: pa.Schema) -> pa.Table:
@@ -131,6 +152,22 @@ def shard_paths(folder: Path) -> list[Path]:
     if not paths:
         raise InputError(f"{folder}: holds no shard-*.parquet; wanted the output of sample_points")
     return paths
+
+
+def count_points(folder: Path) -> int:
+    """Points in all shards, without reading them."""
+    return sum(POINTS.open(path).metadata.num_rows for path in shard_paths(folder))
+
+
+def count_groups(path: Path) -> int:
+    """Row groups of one shard."""
+    return int(POINTS.open(path).num_row_groups)
+
+
+def read_groups(path: Path, groups: Sequence[int]) -> PointChunks:
+    """Some row groups of one shard, in memory."""
+    with POINTS.open(path) as file:
+        return join_chunks(_chunks(file.read_row_group(i), path) for i in groups)
 
 
 def read_shard(path: Path) -> Iterator[PointChunks]:

@@ -6,6 +6,7 @@ alignment.parquet  one row a part of a shape with a program: which meshes it is
 """
 
 from collections.abc import Iterable, Iterator
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,20 +18,25 @@ from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.io.metadata import COMPRESSION, Column, Layout
 from cagesdf.meshes import Mesh
-from cagesdf.shape import AlignedPart, Part, Repair, Shape
+from cagesdf.shape import AlignedPart, Audit, Part, Repair, Shape
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure
 
 KIND = "shapes"
+REPAIR = tuple(field.name for field in fields(Repair))  # columns of parts.parquet, by the same names
 SHAPES = Layout(
     "shapes",
-    2,
+    3,
     (
         Column("shape_id", pa.string(), "unique in its category"),
         Column("split", pa.string(), "train or val"),
         Column("status", pa.string(), "passed or repaired"),
         Column("parts", pa.int32(), "number of parts"),
         Column("faces", pa.int32(), "faces of all parts together"),
+        Column("audit_clear", pa.int32(), "points at which rays through the faces as read agree on the side"),
+        Column("audit_differ", pa.int32(), "of these, points that the closed parts' union puts on the other side"),
+        Column("inside", pa.float64(), "share of the shape's axis-aligned box that is inside the union"),
+        Column("inside_outlier", pa.float64(), "robust z-score of the logarithm of `inside` among all shapes here"),
         Column("similarity", pa.list_(pa.float64()), "raw → canonical: scale, rotation by rows, translation"),
         Column(
             "structure",
@@ -42,15 +48,18 @@ SHAPES = Layout(
 )
 PARTS = Layout(
     "parts",
-    1,
+    2,
     (
         Column("shape_id", pa.string(), "the shape it belongs to"),
         Column("part_id", pa.string(), "unique in its shape"),
         Column("label", pa.string(), "semantic name, empty if there is none"),
-        Column("method", pa.string(), "repair that closed it: none, merged, reoriented, ..."),
+        Column("method", pa.string(), "last step of the repair that closed it: none, flipped, merged, ..."),
         Column("faces_before", pa.int32(), "faces as read"),
         Column("faces_after", pa.int32(), "faces of the closed mesh"),
-        Column("volume", pa.float64(), "cubic canonical units"),
+        Column("volume", pa.float64(), "of the closed mesh, cubic canonical units"),
+        Column("inside", pa.float64(), "share of the part's axis-aligned box that is inside the closed mesh"),
+        Column("dropped", pa.int32(), "pieces left out: sheets that the rest represents, specks"),
+        Column("plates", pa.int32(), "sheets that were given a thickness"),
         Column("vertices", pa.list_(pa.float64()), "x, y, z of each vertex in turn, canonical units"),
         Column("faces", pa.list_(pa.int32()), "three vertex indices of each face in turn, outwards"),
     ),
@@ -83,6 +92,10 @@ def write_shapes(folder: Path, shapes: Iterable[Shape]) -> None:
                 "status": shape.status,
                 "parts": len(shape.parts),
                 "faces": sum(len(part.mesh.faces) for part in shape.parts),
+                "audit_clear": shape.audit.clear,
+                "audit_differ": shape.audit.differ,
+                "inside": shape.audit.inside,
+                "inside_outlier": shape.audit.outlier,
                 "similarity": shape.similarity.to_numbers(),
                 "structure": shape.structure.to_json(),
             }
@@ -103,10 +116,7 @@ def _part_row(shape_id: str, part: Part) -> dict[str, Any]:
         "shape_id": shape_id,
         "part_id": part.part_id,
         "label": part.label,
-        "method": part.repair.method,
-        "faces_before": part.repair.faces_before,
-        "faces_after": part.repair.faces_after,
-        "volume": part.repair.volume,
+        **{name: getattr(part.repair, name) for name in REPAIR},
         "vertices": part.mesh.vertices.ravel(),
         "faces": part.mesh.faces.ravel(),
     }
@@ -173,14 +183,20 @@ class ShapeFolder:
                 part["part_id"],
                 part["label"],
                 Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3)),
-                Repair(part["method"], part["faces_before"], part["faces_after"], part["volume"]),
+                Repair(**{name: part[name] for name in REPAIR}),
             )
             for part, vertices, faces in zip(
                 table.drop_columns(["vertices", "faces"]).to_pylist(), numbers["vertices"], numbers["faces"]
             )
         )
         return Shape(
-            shape_id, row["split"], parts, self.structure(shape_id), self.similarity(shape_id), self.alignment(shape_id)
+            shape_id,
+            row["split"],
+            parts,
+            self.structure(shape_id),
+            self.similarity(shape_id),
+            self.alignment(shape_id),
+            Audit(row["audit_clear"], row["audit_differ"], row["inside"], row["inside_outlier"]),
         )
 
     def __len__(self) -> int:

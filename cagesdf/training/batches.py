@@ -1,5 +1,6 @@
 """From chunks of points to batches of groups: a cuboid and a latent beside each chunk (§3.5)."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -35,6 +36,14 @@ class Batch:
         return Batch(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))
 
 
+class Batches(ABC):
+    """The batch of each step: a function of the step, not of what was asked before."""
+
+    @abstractmethod
+    def at(self, step: int) -> Batch:
+        """The groups that one step trains on."""
+
+
 def training_chunks(
     chunks: PointChunks,
     sequences: Mapping[str, Sequence],
@@ -56,21 +65,32 @@ def training_chunks(
         keep = cuboid_distance(chunks.xyz, own_cuboids(chunks, sequences)) <= reach
         chunks = rechunk(chunks, keep, rng)
     lost = np.setdiff1d(shapes, chunks.shape_id)
-    if len(lost) or not len(shapes):
-        names = ", ".join(chunks.shape_ids[shape] for shape in lost[:5])
+    refuse_lost([chunks.shape_ids[shape] for shape in lost], not len(shapes), steps_of, points_of, reach)
+    return chunks
+
+
+def refuse_lost(lost: list[str], nothing: bool, steps_of: str, points_of: str, reach: float) -> None:
+    """Raise InputError if a selection left nothing of these shapes, or there was `nothing` to select from."""
+    if lost or nothing:
         raise InputError(
-            f"no {CHUNK} points to train on of shape(s) {names or 'any'} "
+            f"no {CHUNK} points to train on of shape(s) {', '.join(lost[:5]) or 'any'} "
             f"with steps_of {steps_of}, points_of {points_of} and reach {reach}"
         )
-    return chunks
 
 
 def latent_keys(chunks: PointChunks, latents: Literal["source", "deformed"]) -> tuple[tuple[str, int], ...]:
     """Keys of the latent table: one a source shape, or one a deformed shape, in sorted order."""
-    if latents == "source":
-        return tuple((chunks.shape_ids[shape], SHARED) for shape in np.unique(chunks.shape_id))
     pairs = np.unique(np.stack([chunks.shape_id, chunks.step], axis=1), axis=0)
-    return tuple((chunks.shape_ids[shape], step) for shape, step in pairs.tolist())
+    return shared_or_own([(chunks.shape_ids[shape], step) for shape, step in pairs.tolist()], latents)
+
+
+def shared_or_own(
+    deformed: list[tuple[str, int]], latents: Literal["source", "deformed"]
+) -> tuple[tuple[str, int], ...]:
+    """The keys of `latent_keys` for deformed shapes, (shape id, step) each, sorted."""
+    if latents == "source":
+        return tuple((shape_id, SHARED) for shape_id in dict.fromkeys(shape_id for shape_id, _ in deformed))
+    return tuple(deformed)
 
 
 def own_cuboids(chunks: PointChunks, sequences: Mapping[str, Sequence]) -> Float[ndarray, "c 15"]:
@@ -170,3 +190,15 @@ class BatchOrder:
         if epoch in self._permutations:
             return self._permutations[epoch]
         return np.random.default_rng([self.seed, epoch]).permutation(self.groups)
+
+
+class MemoryBatches(Batches):
+    """Batches of groups that are in memory, in the order of `BatchOrder`."""
+
+    def __init__(self, groups: Batch, batch: int, seed: int) -> None:
+        self.groups = groups
+        self.order = BatchOrder(len(groups.weight), batch, seed)
+
+    def at(self, step: int) -> Batch:
+        """The groups that one step trains on."""
+        return self.groups.take(self.order.at(step))

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from cagesdf.errors import InputError
 from cagesdf.models.latents import LatentTable
-from cagesdf.training.batches import Batch, BatchOrder
+from cagesdf.training.batches import Batches
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.losses import latent_penalty, shape_l1
 
@@ -20,7 +20,6 @@ class TrainSettings:
     """How long, how fast, towards what."""
 
     steps: int  # optimiser steps
-    batch_chunks: int  # groups a step
     learning_rate: float  # of the decoder, as training starts
     latent_learning_rate: float  # of the latents, as training starts
     schedule: Literal["cosine", "halve"]  # see `rate`
@@ -30,13 +29,12 @@ class TrainSettings:
     precision: Literal["float32", "bfloat16"]  # of matrix products; weights and losses are float32
     log_every: int  # steps
     checkpoint_every: int  # steps
-    seed: int  # of the order of batches
 
 
 def train(
     decoder: nn.Module,
     latents: LatentTable,
-    groups: Batch,
+    batches: Batches,
     settings: TrainSettings,
     checkpoint: Checkpoint,
     report: Callable[[int, float], None],
@@ -51,7 +49,6 @@ def train(
     Raises InputError when the loss is no longer finite.
     """
     device = latents.values.device
-    order = BatchOrder(len(groups.weight), settings.batch_chunks, settings.seed)
     optimiser = torch.optim.Adam([{"params": list(decoder.parameters())}, {"params": [latents.values]}], fused=True)
     sums = torch.zeros(2, device=device)
     log: list[dict[str, int | float]] = []
@@ -61,7 +58,7 @@ def train(
         rates = (settings.learning_rate, settings.latent_learning_rate)
         for group, learning_rate in zip(optimiser.param_groups, rates):
             group["lr"] = learning_rate * rate(step, settings)
-        batch = groups.take(order.at(step)).to(device)
+        batch = batches.at(step).to(device)
         with torch.autocast(device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
             predicted = decoder(batch.points, latents(batch.latent), batch.cuboid)
         l1 = shape_l1(predicted.float(), batch.sdf, batch.weight, settings.clamp)

@@ -1,0 +1,120 @@
+"""The plan before a run: counts are exact, times are the measurement's, scaled."""
+
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.params import check
+from pipeline.planning import (
+    SHAPES,
+    Counts,
+    Estimate,
+    Groups,
+    Measured,
+    data,
+    duration,
+    estimate,
+    measure,
+    plan,
+    profile_content,
+    training_steps,
+)
+
+GROUPS = Groups(64, 100)
+
+
+def sections(tmp_path: Path, profile: str | None) -> dict:
+    path = tmp_path / "asked.yaml"
+    path.write_text(yaml.safe_dump(profile_content(profile)), encoding="utf-8")
+    return check(path)
+
+
+@pytest.mark.parametrize(
+    ("profile", "expected"),
+    [
+        (None, Counts(64 + 16, 64, 64 * 4, 64 * 4 * 14000, 12 + 8 * 2)),
+        ("tiny", Counts(16 + 2, 16, 16 * 4, 16 * 4 * 1800, 2 + 1 * 2)),
+        ("paper", Counts(2000, 1900, 7600, 7600 * 275_000, 1900 + 8 * 2)),
+    ],
+)
+def test_counts_are_those_that_the_parameters_ask_for(profile: str | None, expected: Counts, tmp_path: Path) -> None:
+    assert Counts.of(sections(tmp_path, profile)) == expected
+
+
+def found(stage: str, seconds: float, items: int = SHAPES, arm: str = "") -> Measured:
+    return Measured(stage, "chair", arm, seconds, items, 1_000_000, 300_000_000)
+
+
+def only(tmp_path: Path, *some: Measured, processes: int = 1) -> Estimate:
+    [row] = estimate(list(some), sections(tmp_path, None), 1, GROUPS, processes)
+    return row
+
+
+def test_times_are_those_measured_in_proportion_to_what_there_is_to_do(tmp_path: Path) -> None:
+    assert only(tmp_path, found("synthesize", 3.0)).seconds == pytest.approx(3.0 / 2 * 80)
+    assert only(tmp_path, found("deform_sequences", 3.0)).seconds == pytest.approx(3.0 / 2 * 64)
+    assert only(tmp_path, found("sample_points", 8.0)).seconds == pytest.approx(8.0 / (2 * 4) * 256)
+    training = only(tmp_path, found("train", 2.0, 20 * 16, "cagesdf"))
+    assert training.seconds == pytest.approx(2.0 / 20 * 4500)
+    assert only(tmp_path, found("extract_meshes", 6.0, 4, "cagesdf")).seconds == pytest.approx(6.0 / 4 * 28)
+    # DeepSDF has no latent for held-out steps.
+    assert only(tmp_path, found("extract_meshes", 2.0, 1, "deepsdf")).seconds == pytest.approx(2.0 * 12)
+
+
+def test_workers_share_what_is_mapped_over_and_nothing_else(tmp_path: Path) -> None:
+    for stage, share in (("fit_cuboids", 4), ("sample_points", 4), ("synthesize", 1), ("match_targets", 1)):
+        alone = only(tmp_path, found(stage, 2.0))
+        assert only(tmp_path, found(stage, 2.0), processes=4).seconds == pytest.approx(alone.seconds / share)
+
+
+def test_disk_grows_with_the_items_and_categories_add_up(tmp_path: Path) -> None:
+    one, two = only(tmp_path, found("fit_cuboids", 1.0)), only(tmp_path, *[found("fit_cuboids", 1.0)] * 2)
+    assert one.size == 40 * 1_000_000
+    assert (two.size, two.items, two.seconds) == (2 * one.size, 2 * one.items, 2 * one.seconds)
+
+
+def test_a_network_is_measured_in_one_category_and_counted_in_all(tmp_path: Path) -> None:
+    asked = sections(tmp_path, None)
+    item = [found("train", 2.0, 320, "cagesdf")]
+    one, three = (estimate(item, asked, categories, GROUPS, 1)[0] for categories in (1, 3))
+    assert (three.seconds, three.items, three.size) == (3 * one.seconds, 3 * one.items, 3 * one.size)
+    assert training_steps(asked["arms.cagesdf"]) > training_steps(sections(tmp_path, "paper")["arms.deepsdf"]) >= 8
+
+
+@pytest.mark.slow
+def test_a_plan_measures_the_stages_themselves_and_a_slower_clock_gives_a_slower_run(tmp_path: Path) -> None:
+    content, asked = profile_content("tiny"), sections(tmp_path, "tiny")
+    totals = []
+    for tick in (10.0, 30.0):
+        ticks: Iterator[int] = count()
+        folder = tmp_path / str(tick)
+        folder.mkdir()
+        measured = measure(content, folder, lambda ticks=ticks, tick=tick: tick * next(ticks))
+        rows = estimate(measured, asked, 1, GROUPS, 1)
+        assert [row.stage for row in rows][:2] == ["synthesize", "import_shapes"]
+        # Each run takes a tick by this clock; of trainings the difference of two counts, which is none.
+        assert {item.seconds for item in measured if item.stage != "train"} == {tick}
+        assert {item.items for item in measured if item.stage == "train"} == {
+            training_steps(asked["arms.cagesdf"]) * 16
+        }
+        totals.append(sum(row.seconds for row in rows))
+    assert totals[1] == pytest.approx(3 * totals[0])
+
+
+@pytest.mark.slow
+def test_the_plan_says_that_it_is_an_estimate_and_from_what(tmp_path: Path) -> None:
+    text = "\n".join(plan("tiny", tmp_path, GROUPS))
+    assert "An estimate from" in text
+    assert "18 shapes in 1 categories, 64 deformed shapes to train on, 115,200 points" in text
+    assert "groups of points; per point" in text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(3.14, "3.1 s"), (99, "99 s"), (600, "10 min"), (7200, "2.0 h"), (1e6, "11.6 days")]
+)
+def test_durations_are_told_in_fitting_units(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+    assert (data(2_345_678), data(3.21e9)) == ("2 MB", "3.2 GB")
