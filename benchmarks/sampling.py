@@ -3,7 +3,7 @@
     python benchmarks/sampling.py
 
 prints two Markdown tables, measured on one core, each row in a process of its own. Seconds are processor time. The
-first table is of whole shapes, from closed part meshes to a written shard: union, trees, samples, Parquet. The second
+first table is of whole shapes, from part meshes to a written shard: repair, union, trees, samples, Parquet. The second
 is of importance samples alone, by ours, by plain rejection and by the resampling of Davies et al. 2021 (ten uniform
 candidates a point, drawn from with replacement by weight), all with the same distances; p is Kolmogorov and Smirnov's
 of |sdf| against plain rejection.
@@ -26,12 +26,13 @@ from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.points import CHUNK, PointChunks, write_shard
 from cagesdf.meshes import Mesh
 from cagesdf.sampling import sample_near, sample_points
-from cagesdf.solid import union
+from cagesdf.solid import make_solid, union
 
 BETA = 60.0
 BATCH = 2**18  # candidates of the two slow ones at once
 SIZES = [(39_000, 250_000, 25_000), (200_000, 250_000, 25_000), (39_000, 12_000, 2_000), (5_000, 12_000, 2_000)]
 PER_CUBOID = 256
+WELD, MIN_THICKNESS = 1e-5, 1e-4  # canonical units
 
 
 class Counted(SurfaceDistance):
@@ -46,7 +47,7 @@ class Counted(SurfaceDistance):
 
 def shard(parts: list[Mesh], cage: Cage, near: int, uniform: int, folder: Path) -> Counted:
     """Everything from part meshes to a file."""
-    surface = Counted(union(parts))
+    surface = Counted(union([make_solid(part, WELD, MIN_THICKNESS).mesh for part in parts]))
     samples = sample_points(surface, cage, near, uniform, PER_CUBOID, BETA, CHUNK, np.random.default_rng(0))
     fields = samples.part, samples.points, samples.sdf, samples.near
     numbers = np.zeros_like(samples.part), np.zeros_like(samples.part)

@@ -10,6 +10,7 @@ import hashlib
 import os
 import pickle
 import tempfile
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -26,7 +27,8 @@ ROOT = Path(__file__).parent.parent
 ONE_THREAD = dict.fromkeys(
     ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "IGL_NUM_THREADS"], "1"
 )
-FIRST_WORKER = 60  # seconds to wait for
+POLL = 0.1  # seconds between looks at what is done
+WORKER = 60  # seconds to wait for one: at first, and after the last has gone
 
 
 class Died(Exception):
@@ -105,12 +107,12 @@ class DaskProcesses:
     def outcomes(self, call: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """As `Processes.outcomes`; a result leaves the cluster once it is here."""
         try:
-            from distributed import Client, KilledWorker, as_completed
+            from distributed import Client, KilledWorker
         except ImportError as error:
             raise RuntimeError("CAGESDF_DASK is set, but Dask is not installed: pip install 'cagesdf[dask]'") from error
         try:
-            client = Client(self.address, timeout=FIRST_WORKER, set_as_default=False)
-            client.wait_for_workers(1, timeout=FIRST_WORKER)
+            client = Client(self.address, timeout=WORKER, set_as_default=False)
+            client.wait_for_workers(1, timeout=WORKER)
         except (OSError, TimeoutError, ValueError) as error:
             raise RuntimeError(
                 f"CAGESDF_DASK={self.address}: no scheduler with a worker there ({error}); see docs/cluster.md"
@@ -120,9 +122,7 @@ class DaskProcesses:
             function = client.submit(_Function, cloudpickle.dumps(call), Path.cwd(), code_digest(), pure=False)
             futures = client.map(_call_function, items, function=function, seconds=self.seconds, pure=False)
             numbers = {future.key: number for number, future in enumerate(futures)}
-            waiting = as_completed(futures, loop=client.loop)
-            del futures
-            for future in waiting:
+            for future in self._done(client, futures):
                 try:
                     result: Any = future.result()
                 except KilledWorker as error:
@@ -132,6 +132,25 @@ class DaskProcesses:
                         f"CAGESDF_DASK={self.address}: lost the scheduler; run the stage again"
                     ) from error
                 yield numbers[future.key], result
+
+    def _done(self, client: Any, futures: list[Any]) -> Iterator[Any]:
+        """The futures as they are done, each forgotten then. Dask alone would wait for ever for a first worker."""
+        from distributed import as_completed
+
+        waiting = as_completed(futures, loop=client.loop)
+        futures.clear()
+        seen = time.monotonic()
+        while waiting.count():
+            done = waiting.next_batch(block=False)
+            yield from done
+            if done or client.nthreads():
+                seen = time.monotonic()
+            elif time.monotonic() > seen + WORKER:
+                raise RuntimeError(
+                    f"CAGESDF_DASK={self.address}: no worker for {WORKER} s; start workers, then run the stage again"
+                )
+            if not done:
+                time.sleep(POLL)
 
 
 class _Function:

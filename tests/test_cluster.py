@@ -2,9 +2,10 @@
 
 import os
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Thread
+from threading import Thread, Timer
 
 import lines
 import pytest
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """A scheduler, and two workers of one thread, each with a nanny that starts it again."""
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         yield cluster.scheduler_address
 
 
@@ -109,9 +110,25 @@ def test_a_folder_that_workers_do_not_see_is_named(cluster: str, monkeypatch: py
 
 def test_an_address_without_a_cluster_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_DASK", "tcp://127.0.0.1:1")
-    monkeypatch.setattr(processes, "FIRST_WORKER", 1)
+    monkeypatch.setattr(processes, "WORKER", 1)
     with pytest.raises(RuntimeError, match=r"CAGESDF_DASK=tcp://127\.0\.0\.1:1: no scheduler"):
         parallel_map(shout_or_die, ["a"], rejects=ShapeRejected, label="test")
+
+
+def sleep(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def test_a_stage_whose_workers_are_all_gone_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "WORKER", 5)
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
+        monkeypatch.setenv("CAGESDF_DASK", cluster.scheduler_address)
+        gone = Timer(2, cluster.scale, [0])
+        gone.start()
+        with pytest.raises(RuntimeError, match=r"no worker for 5 s; start workers"):
+            parallel_map(sleep, [60.0], rejects=ShapeRejected, label="test")
+        gone.join()
 
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

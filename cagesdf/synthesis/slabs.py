@@ -44,7 +44,9 @@ def slab(size: Vector, outline: Outline, edge: str, top: str, factors: Factors) 
     at = np.concatenate([(low + 0.01) * field, [low, inset[0] + 0.002], inset, [high - 0.014], high * field])
     y = np.concatenate([hollow * field, [0.0, 0.0], rise, [height], height - drop])
     scale = np.concatenate([FIELD, np.ones(len(inset) + 3), FIELD[::-1]])
-    return fill(capped(stack(outline, (half[0] - at) * scale, (half[2] - at) * scale, y)), size)
+    # On a narrow plate the moulding stops short of the middle, beyond which the ring would turn inside out.
+    x, z = (side - np.minimum(at, 0.9 * side) for side in half[[0, 2]])
+    return fill(capped(stack(outline, x * scale, z * scale, y)), size)
 
 
 def _half_round(height: float, radius: float) -> tuple[ndarray, ndarray]:
