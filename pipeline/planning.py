@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from pipeline.executor import workers
+from pipeline.executor import progress, workers
 from pipeline.memory import memory as data_limit
 from pipeline.params import check
 from pipeline.workspace import ROOT, merged, profile_settings
@@ -22,6 +22,7 @@ from pipeline.workspace import ROOT, merged, profile_settings
 SHAPES = 2  # of each category that are measured
 CHUNKS = 16  # a training step that is measured has, at most
 WORK = 2e11  # multiplications that a measured training makes, about: a second or some
+CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
 PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "extract_meshes", "evaluate",
             "evaluate_references"}  # fmt: skip
@@ -104,10 +105,11 @@ def profile_content(profile: str | None) -> dict[str, Any]:
 def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = time.perf_counter) -> list[Measured]:
     """Run every stage but the report on SHAPES shapes of each category in `folder`, one worker, and time it.
 
-    `content` is that of a params.yaml. Shapes, networks, numbers of points and resolutions are the run's
-    own; trainings take `training_steps` of at most CHUNKS groups.
+    `content` is that of a params.yaml. Shapes, networks and numbers of points are the run's own,
+    resolutions too up to CELLS; trainings take `training_steps` of at most CHUNKS groups.
     """
-    small = merged(content, SMALL)
+    resolution = content["extract_meshes"]["resolution"]
+    small = merged(merged(content, SMALL), {"extract_meshes": {"resolution": min(resolution, CELLS)}})
     for name in REJECTING:
         small = merged(small, {name: {"max_rejected": 1.0}})
     graph = yaml.safe_load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
@@ -115,13 +117,14 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
     path.write_text(yaml.safe_dump(small), encoding="utf-8")
     sections, run = check(path), content["run"]
     stages = {name: entry["cmd"] for name, entry in graph.items() if name not in ("library", "report")}
+    todo = [
+        (stage, command, category, arm)
+        for category in run["categories"]
+        for stage, command in stages.items()
+        for arm in _arms(command, run, category)
+    ]
     with _alone(folder):
-        return [
-            _measured(stage, command, category, arm, sections, clock)
-            for category in run["categories"]
-            for stage, command in stages.items()
-            for arm in _arms(command, run, category)
-        ]
+        return [_measured(*item, sections, clock) for item in progress(todo, len(todo), "stages measured")]
 
 
 def _arms(command: str, run: dict[str, Any], category: str) -> list[str]:
@@ -222,9 +225,10 @@ def _estimate(
     for item in some:
         times = categories if item.arm else 1
         items, done = _amounts(item, sections, counts, groups)
-        seconds += times * item.seconds * items / done
+        finer = _finer(stage, sections)
+        seconds += times * item.seconds * finer * items / done
         # A run is its weights, whatever the number of steps.
-        size += times * item.size * (1 if stage == "train" else items / done)
+        size += times * item.size * finer * (1 if stage == "train" else items / done)
         total += times * items
     memory = max(item.memory for item in some) * parallel
     if stage == "sample_points":
@@ -236,6 +240,11 @@ def _estimate(
     how = f"{took:.1f} s for {many:,} {what}; per {_unit(stage).removesuffix('s')}"
     how += f", {parallel} workers" if parallel > 1 else ""
     return Estimate(stage, total, _unit(stage), seconds / parallel, int(size), memory, how)
+
+
+def _finer(stage: str, sections: dict[str, Any]) -> float:
+    """How much more an item is than a measured one: surfaces grow with the square of the cells along them."""
+    return max(sections[stage].resolution / CELLS, 1.0) ** 2 if stage == "extract_meshes" else 1.0
 
 
 def _amounts(item: Measured, sections: dict[str, Any], counts: Counts, groups: Groups) -> tuple[int, int]:

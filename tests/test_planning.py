@@ -59,9 +59,10 @@ def test_times_are_those_measured_in_proportion_to_what_there_is_to_do(tmp_path:
     assert only(tmp_path, found("sample_points", 8.0)).seconds == pytest.approx(8.0 / (2 * 4) * 256)
     training = only(tmp_path, found("train", 2.0, 20 * 16, "cagesdf"))
     assert training.seconds == pytest.approx(2.0 / 20 * 4500)
-    assert only(tmp_path, found("extract_meshes", 6.0, 4, "cagesdf")).seconds == pytest.approx(6.0 / 4 * 28)
+    # Surfaces are measured with 64 cells, and have 128.
+    assert only(tmp_path, found("extract_meshes", 6.0, 4, "cagesdf")).seconds == pytest.approx(6.0 / 4 * 28 * 4)
     # DeepSDF has no latent for held-out steps.
-    assert only(tmp_path, found("extract_meshes", 2.0, 1, "deepsdf")).seconds == pytest.approx(2.0 * 12)
+    assert only(tmp_path, found("extract_meshes", 2.0, 1, "deepsdf")).seconds == pytest.approx(2.0 * 12 * 4)
 
 
 def test_workers_share_what_is_mapped_over_and_nothing_else(tmp_path: Path) -> None:
