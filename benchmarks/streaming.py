@@ -119,7 +119,7 @@ def beside(data: StreamedPoints, batch: int, held: bool) -> float:
     if held:
         batches.at = lambda step: first  # type: ignore[method-assign]
     steps = max(int(300_000 * SECONDS / (batch * CHUNK)), 3)
-    settings = TrainSettings(steps, 1e-3, 1e-2, "cosine", 1, 0.0, 1e-4, "bfloat16", steps, steps)
+    settings = TrainSettings(steps, 1e-3, 1e-2, "cosine", 1, 0.0, 1e-4, "bfloat16", steps, steps, ())
     begun = time.perf_counter()
     train(decoder, latents, batches, settings, Checkpoint(Path("nowhere")), lambda step, loss: None)
     return steps * batch * CHUNK / (time.perf_counter() - begun)

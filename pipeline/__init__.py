@@ -4,6 +4,7 @@ from pipeline import artefact
 from pipeline.executor import counter, device, draw, item_rng, parallel_groups, parallel_map, progress
 from pipeline.params import (
     DeformParams,
+    EditsParams,
     EvaluateParams,
     ExtractParams,
     FitParams,
@@ -11,17 +12,20 @@ from pipeline.params import (
     MatchParams,
     Params,
     ParamsError,
+    ProgressParams,
     ReferencesParams,
     ReportParams,
     SampleParams,
     SynthesizeParams,
     TrainParams,
+    TrialsParams,
     load,
 )
 from pipeline.stage import run_stage
 
 __all__ = [
     "DeformParams",
+    "EditsParams",
     "EvaluateParams",
     "ExtractParams",
     "FitParams",
@@ -29,11 +33,13 @@ __all__ = [
     "MatchParams",
     "Params",
     "ParamsError",
+    "ProgressParams",
     "ReferencesParams",
     "ReportParams",
     "SampleParams",
     "SynthesizeParams",
     "TrainParams",
+    "TrialsParams",
     "artefact",
     "counter",
     "device",

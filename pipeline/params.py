@@ -117,6 +117,7 @@ class TrainParams(Params):
     precision: Literal["float32", "bfloat16"]  # of the matrix products; weights are float32
     checkpoint_every: Count  # steps
     log_every: Count  # steps
+    snapshots: tuple[Count, ...]  # after so many steps what was trained is kept too, for evaluate_progress
     seed: Natural
 
 
@@ -127,6 +128,8 @@ class ExtractParams(Params):
     sources: Count  # at most so many source shapes, drawn by seed (Table 1)
     held_out: Count  # at most so many shapes whose held-out steps are extracted (Table 2)
     outside: Literal["union", "constant"]  # field outside cuboids: distance to their union, or the paper's 0.1
+    overlap: Literal["deepest", "union", "blend"]  # field where cuboids overlap; deepest is the paper's
+    loose: Literal["keep", "drop"]  # pieces that don't hang together with the largest
     seed: Natural
 
 
@@ -137,6 +140,40 @@ class EvaluateParams(Params):
     volume_points: Count  # for IoU, for each seed
     detail: Positive  # true surface further than this share of the longest side from the cage counts as detail
     seeds: tuple[Natural, ...]  # figures are averaged over these
+
+
+class ProgressParams(Params):
+    """How surfaces are measured along a training."""
+
+    resolution: Count  # cells along [-1.05, 1.05]
+    shapes: Count  # of each arm
+    points: Count  # on each surface
+    detail: Positive  # as evaluate's
+    seed: Natural
+
+
+class TrialsParams(Params):
+    """Edits whose true outcome is known, and how surfaces are measured on them."""
+
+    swaps: Natural  # of cuboids and styles, a category; at most as many as no training step has shown
+    shapes: Natural  # at most so many whose other edits are tried
+    local: Natural  # edits of single cuboids, a shape
+    resize: tuple[Positive, Positive]  # range of the factor of one side of a cuboid
+    move: tuple[Positive, Positive]  # range of its way along one of its axes, canonical units
+    beyond: tuple[float, ...]  # places on a sequence's line; its own are in [0, 1]
+    blend: Positive  # how far from a cuboid it moves shared vertices, canonical units
+    points: Count  # on each surface
+    detail: Positive  # as evaluate's
+    seed: Natural
+
+
+class EditsParams(Params):
+    """How an arm's surfaces are extracted for trials; all but `resolution` as extract_meshes'."""
+
+    resolution: Count  # cells along [-1.05, 1.05]
+    outside: Literal["union", "constant"]
+    overlap: Literal["deepest", "union", "blend"]
+    loose: Literal["keep", "drop"]
 
 
 class ReferencesParams(Params):
@@ -151,6 +188,7 @@ class ReportParams(Params):
 
     shapes: Count  # a category, in the comparison picture
     image_size: Count  # pixels along each side of one cell
+    rates: dict[str, Positive]  # points a second that an arm trains on, for the time axis; benchmarks/training.py
 
 
 SECTIONS: dict[str, type[Params]] = {
@@ -163,6 +201,9 @@ SECTIONS: dict[str, type[Params]] = {
     "train": TrainParams,
     "extract_meshes": ExtractParams,
     "evaluate": EvaluateParams,
+    "evaluate_progress": ProgressParams,
+    "make_trials": TrialsParams,
+    "evaluate_edits": EditsParams,
     "report": ReportParams,
 }
 

@@ -25,13 +25,18 @@ WORK = 2e11  # multiplications that a measured training makes, about: a second o
 CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
 PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "extract_meshes", "evaluate",
-            "evaluate_references"}  # fmt: skip
+            "evaluate_references", "evaluate_progress", "make_trials", "evaluate_edits"}  # fmt: skip
 SMALL: dict[str, Any] = {
     "synthesize": {"train": SHAPES, "val": 0},
     "match_targets": {"unmatched": "scale"},
     "sample_points": {"shards": 1},
     "extract_meshes": {"sources": 1, "held_out": 1},
+    "make_trials": {"swaps": 0},  # so few shapes may have none
+    "train": {"snapshots": []},
 }
+# A network costs the same in every category: these are measured in the first one only.
+ONCE = {"train", "extract_meshes", "evaluate", "evaluate_edits", "evaluate_progress"}
+DRAWN = ("surfaces", "trials")  # units that aren't one a shape
 REJECTING = ("import_shapes", "fit_cuboids", "match_targets", "deform_sequences", "sample_points")
 
 
@@ -57,12 +62,14 @@ class Counts:
     deformed: int  # training steps of all sequences
     points: int  # asked for: near the surface and in the cube, of all deformed shapes
     surfaces: int  # to extract where held-out steps have a latent, and the references
+    trials: int  # edits
 
     @staticmethod
     def of(sections: dict[str, Any]) -> "Counts":
         """What the parameters of a run ask for."""
-        drawn, deform, sample, extract = (
-            sections[name] for name in ("synthesize", "deform_sequences", "sample_points", "extract_meshes")
+        drawn, deform, sample, extract, trials = (
+            sections[name]
+            for name in ("synthesize", "deform_sequences", "sample_points", "extract_meshes", "make_trials")
         )
         held_out = len(set(deform.held_out))
         deformed = drawn.train * (deform.steps - held_out)
@@ -72,6 +79,7 @@ class Counts:
             deformed,
             deformed * (sample.near + sample.uniform),
             min(extract.sources, drawn.train) + min(extract.held_out, drawn.train) * held_out,
+            trials.swaps + min(trials.shapes, drawn.train) * (2 + trials.local + len(trials.beyond)),
         )
 
 
@@ -121,17 +129,14 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
         (stage, command, category, arm)
         for category in run["categories"]
         for stage, command in stages.items()
-        for arm in _arms(command, run, category)
+        if stage not in ONCE or category == run["categories"][0]
+        for arm in (run["arms"] if "${item.arm}" in command else [""])
     ]
     with _alone(folder):
-        return [_measured(*item, sections, clock) for item in progress(todo, len(todo), "stages measured")]
-
-
-def _arms(command: str, run: dict[str, Any], category: str) -> list[str]:
-    """The arms that a stage is measured with: a network costs the same in every category, so in the first only."""
-    if "${item.arm}" not in command:
-        return [""]
-    return list(run["arms"]) if category == run["categories"][0] else []
+        return [
+            _measured(stage, command, category, arm, sections, clock)
+            for stage, command, category, arm in progress(todo, len(todo), "stages measured")
+        ]
 
 
 def training_steps(params: Any) -> int:
@@ -163,7 +168,7 @@ def _measured(
         if seconds < SHORT:
             seconds = min(seconds, _timed(run, arguments, params, clock))
         counts = Counts.of(sections)
-        items = counts.surfaces if _unit(stage) == "surfaces" else SHAPES
+        items = {"surfaces": counts.surfaces, "trials": counts.trials}.get(_unit(stage), SHAPES)
         if stage in ("extract_meshes", "evaluate") and sections[f"arms.{arm}"].latents == "deformed":
             items = min(sections["extract_meshes"].sources, SHAPES)
     out = next(path for path in reversed(arguments) if isinstance(path, Path))
@@ -202,7 +207,8 @@ def _alone(folder: Path) -> Iterator[None]:
 def _unit(stage: str) -> str:
     units = {"deform_sequences": "sequences", "match_targets": "sequences", "sample_points": "deformed shapes"}
     surfaces = dict.fromkeys(("extract_meshes", "evaluate", "evaluate_references"), "surfaces")
-    return {**units, **surfaces, "train": "points"}.get(stage, "shapes")
+    trials = dict.fromkeys(("make_trials", "evaluate_edits"), "trials")
+    return {**units, **surfaces, **trials, "train": "points"}.get(stage, "shapes")
 
 
 def estimate(
@@ -223,7 +229,7 @@ def _estimate(
     parallel = processes if stage in PARALLEL else 1
     seconds, size, total = 0.0, 0.0, 0
     for item in some:
-        times = categories if item.arm else 1
+        times = categories if item.stage in ONCE else 1
         items, done = _amounts(item, sections, counts, groups)
         finer = _finer(stage, sections)
         seconds += times * item.seconds * finer * items / done
@@ -236,7 +242,7 @@ def _estimate(
     if stage == "train" and (held := counts.points * groups.point) <= data_limit():
         memory += held
     took, many = sum(item.seconds for item in some), sum(item.items for item in some)
-    what = {"train": "groups of points"}.get(stage, "surfaces" if _unit(stage) == "surfaces" else "shapes")
+    what = "groups of points" if stage == "train" else _unit(stage) if _unit(stage) in DRAWN else "shapes"
     how = f"{took:.1f} s for {many:,} {what}; per {_unit(stage).removesuffix('s')}"
     how += f", {parallel} workers" if parallel > 1 else ""
     return Estimate(stage, total, _unit(stage), seconds / parallel, int(size), memory, how)
@@ -253,11 +259,20 @@ def _amounts(item: Measured, sections: dict[str, Any], counts: Counts, groups: G
     if item.stage == "train":
         arm = sections[f"arms.{item.arm}"]
         return arm.steps * arm.batch_chunks * groups.chunk, item.items * groups.chunk
+    if item.stage == "evaluate_progress":
+        shapes = min(sections[item.stage].shapes, counts.sequences)
+        return shapes * (1 + len(sections["train"].snapshots)), min(shapes, SHAPES)
     if item.stage == "sample_points":
         return counts.deformed, item.items * counts.deformed // counts.sequences
-    if item.arm and sections[f"arms.{item.arm}"].latents == "deformed":
+    if unit == "surfaces" and item.arm and sections[f"arms.{item.arm}"].latents == "deformed":
         return min(sections["extract_meshes"].sources, counts.sequences), item.items
-    return {"shapes": counts.shapes, "sequences": counts.sequences, "surfaces": counts.surfaces}[unit], item.items
+    total = {
+        "shapes": counts.shapes,
+        "sequences": counts.sequences,
+        "surfaces": counts.surfaces,
+        "trials": counts.trials,
+    }
+    return total[unit], item.items
 
 
 def plan(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from cagesdf.extraction import FIELDS, OUTSIDES, extract
+from cagesdf.extraction import FIELDS, LOOSE, METHODS, OUTSIDES, OVERLAPS, extract
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.runs import Run, read_run
 from pipeline import ExtractParams, artefact, draw, progress, run_stage
@@ -17,7 +17,7 @@ from pipeline.executor import workers
 
 
 def main(run: Path, out: Path, params: ExtractParams) -> None:
-    """Read `run`, write `meshes/`: every surface closed, or without faces."""
+    """Read `run`, write `meshes/`: every surface closed, manifold and within its cuboids, or without faces."""
     with artefact.write("meshes", out, inputs={"run": run}, params=params) as folder:
         trained = read_run(run)
         todo = [(shape_id, 0) for shape_id in draw(params.seed, trained.sequences, params.sources)]
@@ -36,10 +36,25 @@ def surface_of(run: Run, params: ExtractParams, item: tuple[str, int]) -> Surfac
     shape_id, step = item
     sequence = run.sequences[shape_id]
     make_field = FIELDS[run.params["points_of"]]
-    field = make_field(run.decoder, run.latent(shape_id, step), sequence.cages[step], OUTSIDES[params.outside])
-    found = extract(field, params.resolution)
-    similarity = run.similarities[shape_id]
-    return Surface(shape_id, step, sequence.held_out[step], found.mesh, found.clipped, found.asked, similarity)
+    outside, overlap = OUTSIDES[params.outside], OVERLAPS[params.overlap]
+    field = make_field(run.decoder, run.latent(shape_id, step), sequence.cages[step], outside, overlap)
+    try:
+        found = extract(field, params.resolution, METHODS["sparse"], LOOSE[params.loose])
+    except ValueError as error:
+        error.add_note(f"shape {shape_id}, step {step}")
+        raise
+    return Surface(
+        shape_id,
+        step,
+        sequence.held_out[step],
+        found.mesh,
+        found.clipped,
+        found.asked,
+        run.similarities[shape_id],
+        found.components,
+        found.dropped,
+        found.overshoot,
+    )
 
 
 if __name__ == "__main__":

@@ -1,14 +1,19 @@
 """Gather figures, pictures and loss curves of all categories and arms into tables and one page (§4).
 
 python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboids data/sequences \\
-    data/metrics data/report
+    data/trials data/edits data/progress data/metrics data/report
 """
 
 import json
 from pathlib import Path
+from typing import Any
 
-from cagesdf.evaluation.tables import gather_tables
+from cagesdf.evaluation.edits import Row
+from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
+from cagesdf.io.edits import read_edits
+from cagesdf.io.progress import read_progress
 from cagesdf.io.scores import read_scores
+from cagesdf.io.trials import read_trials
 from cagesdf.report.gather import read_category
 from cagesdf.report.page import write_page
 from pipeline import ReportParams, artefact, run_stage
@@ -21,6 +26,9 @@ def main(
     shapes: Path,
     cuboids: Path,
     sequences: Path,
+    trials: Path,
+    edits: Path,
+    progress: Path,
     metrics: Path,
     out: Path,
     params: ReportParams,
@@ -31,16 +39,28 @@ def main(
     inputs = {
         folder.relative_to(scores.parent).as_posix(): folder / artefact.MANIFEST
         for name in names
-        for folder in [*score_folders[name], *inside(meshes / name), *inside(runs / name)]
+        for folder in [
+            *score_folders[name],
+            *inside(meshes / name),
+            *inside(runs / name),
+            *inside(edits / name),
+            trials / name,
+            progress / name,
+        ]
     }
     tables = gather_tables({name: [read_scores(folder) for folder in score_folders[name]] for name in names})
+    tables["edits"] = gather_edits({name: edited(trials / name, inside(edits / name)) for name in names})
+    tables["progress"] = gather_progress({name: read_progress(progress / name) for name in names}, params.rates)
+    tables["trials"] = {name: read_trials(trials / name).counts() for name in names}
     categories = [
         read_category(
             shapes / name,
             cuboids / name,
             sequences / name,
+            trials / name,
             {folder.name: folder for folder in inside(meshes / name)},
             {folder.name: folder for folder in inside(runs / name)},
+            {folder.name: folder for folder in inside(edits / name)},
             params.shapes,
         )
         for name in names
@@ -51,6 +71,12 @@ def main(
         (folder / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")
     with artefact.write("report", out, inputs={}, foreign=inputs, params=params) as folder:
         write_page(folder / "index.html", tables, categories, params.image_size)
+
+
+def edited(trials: Path, arms: list[Path]) -> dict[str, tuple[list[Row], dict[str, Any]]]:
+    """Rows of edits of all arms and of the references, by name, and what they mean."""
+    files = {folder.name: folder / "edits.parquet" for folder in arms} | {"references": trials / "references.parquet"}
+    return {name: read_edits(path) for name, path in files.items()}
 
 
 def inside(folder: Path) -> list[Path]:

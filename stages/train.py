@@ -1,9 +1,10 @@
 """Train one arm: a decoder and its latents together (§3.1, §3.5).
 
-python -m stages.train data/points/chair data/shapes/chair data/sequences/chair data/runs/chair/cagesdf \\
-    --params arms.cagesdf
+python -m stages.train data/points/chair data/shapes/chair data/cuboids/chair data/sequences/chair \\
+    data/runs/chair/cagesdf --params arms.cagesdf
 
-After an interruption the same command goes on from the last file in checkpoints/.
+After an interruption the same command goes on from the last file in checkpoints/. On several GPUs or
+machines, `torchrun --nproc-per-node 2 -m stages.train` with the same arguments (docs/training.md).
 """
 
 from dataclasses import fields
@@ -11,60 +12,103 @@ from pathlib import Path
 
 import torch
 
+from cagesdf.io.cuboids import read_assemblies
 from cagesdf.io.points import CHUNK
-from cagesdf.io.runs import Run, write_run
+from cagesdf.io.residuals import write_residuals
+from cagesdf.io.runs import Run, write_run, write_snapshot
 from cagesdf.io.sequences import read_sequences
-from cagesdf.io.shapes import read_shapes
+from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.structure.base import Structure
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
+from cagesdf.training.distributed import Ranks, joined_ranks
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
+from cagesdf.training.residuals import rest_residuals
 from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
 from pipeline.memory import memory
 
 SIZES = {"width", "layers", "latent_dim", "mapping", "octaves"}
 
 
-def main(points: Path, shapes: Path, sequences: Path, out: Path, params: TrainParams) -> None:
-    """Read `points/`, `shapes/` and `sequences/`, write a run; say which points it was trained on."""
-    inputs = {"points": points, "shapes": shapes, "sequences": sequences}
-    with artefact.write("run", out, inputs=inputs, params=params) as folder:
-        source, cages = read_shapes(shapes), read_sequences(sequences)
-        rng = item_rng(params.seed, "train")
-        data = open_points(points, cages, params.steps_of, params.points_of, params.reach, rng, memory())
-        checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, data))
-        count = {"sampled": data.sampled, "used": data.used}
-        print(f"{out.name}: {data.used:,} of {data.sampled:,} points, {described(params)}; {held(data)}")
+def main(points: Path, shapes: Path, cuboids: Path, sequences: Path, out: Path, params: TrainParams) -> None:
+    """Read `points/`, `shapes/`, `cuboids/` and `sequences/`, write a run; say which points it was trained on.
 
-        keys = data.latent_keys(params.latents)
-        latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
-        decoder = make_decoder(params.decoder, **params.model_dump(include=SIZES), seed=params.seed).to(device())
-        settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
-        batches = data.batches(latents, params.batch_chunks, params.seed)
-        batch = params.batch_chunks * CHUNK
-        with counter(settings.steps * batch, "points", f"train {out.name}") as bar:
-            log = train(
-                decoder,
-                latents,
-                batches,
-                settings,
-                checkpoint,
-                lambda step, loss: bar(step * batch, loss=f"{loss:.5f}"),
-            )
+    Of several ranks the first writes.
+    """
+    inputs = {"points": points, "shapes": shapes, "cuboids": cuboids, "sequences": sequences}
+    with joined_ranks() as ranks:
+        if ranks.first:
+            with artefact.write("run", out, inputs=inputs, params=params) as folder:
+                checkpoint = trained(inputs, folder, out.name, params, ranks)
+            checkpoint.remove()
+        else:
+            trained(inputs, None, out.name, params, ranks)
+        ranks.wait()
 
-        ids = sorted({shape_id for shape_id, _ in keys})
-        run = Run(
+
+def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: TrainParams, ranks: Ranks) -> Checkpoint:
+    """Train with the other ranks; write the run to `folder` if there is one.
+
+    Returns the checkpoint, which is no longer needed once the run is published.
+    """
+    source, cages = read_shapes(inputs["shapes"]), read_sequences(inputs["sequences"])
+    rng = item_rng(params.seed, "train")
+    room = ranks.told(memory() // ranks.size)  # all must read in the same way
+    data = open_points(inputs["points"], cages, params.steps_of, params.points_of, params.reach, rng, room)
+    checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, data, ranks))
+
+    keys = data.latent_keys(params.latents)
+    latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
+    decoder = make_decoder(params.decoder, **params.model_dump(include=SIZES), seed=params.seed).to(device())
+    settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
+    batches = data.batches(latents, params.batch_chunks, params.seed)
+    if folder is None:
+        train(decoder, latents, batches, settings, checkpoint, lambda step, loss: None, ranks)
+        return checkpoint
+
+    count = {"sampled": data.sampled, "used": data.used}
+    print(f"{name}: {data.used:,} of {data.sampled:,} points, {described(params)}; {held(data)}")
+    batch = params.batch_chunks * CHUNK
+    with counter(settings.steps * batch, "points", f"train {name}") as bar:
+        log = train(
             decoder,
             latents,
-            {shape_id: cages[shape_id] for shape_id in ids},
-            {shape_id: source.structure(shape_id) for shape_id in ids},
-            {shape_id: source.similarity(shape_id) for shape_id in ids},
-            params.model_dump(mode="json", exclude={"format"}),
-            count,
+            batches,
+            settings,
+            checkpoint,
+            lambda step, loss: bar(step * batch, loss=f"{loss:.5f}"),
+            ranks,
         )
-        write_run(folder, run, log)
-    checkpoint.remove()
+
+    ids = sorted({shape_id for shape_id, _ in keys})
+    run = Run(
+        decoder,
+        latents,
+        {shape_id: cages[shape_id] for shape_id in ids},
+        structures(source, inputs["cuboids"], ids),
+        {shape_id: source.similarity(shape_id) for shape_id in ids},
+        params.model_dump(mode="json", exclude={"format"}),
+        count,
+    )
+    write_run(folder, run, log)
+    errors = rest_residuals(inputs["points"], decoder, latents, cages, params.points_of, params.reach)
+    write_residuals(folder, errors)
+    for steps, tensors in checkpoint.kept().items():
+        write_snapshot(folder, steps, tensors)
+    return checkpoint
+
+
+def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, Structure]:
+    """By shape id, what its cuboids follow from: the fitted program with its parts' labels, or else its hierarchy."""
+    fitted = read_assemblies(cuboids)
+    return {
+        shape_id: fitted[shape_id].labelled({part.part_id: part.label for part in shapes.alignment(shape_id)})
+        if shape_id in fitted
+        else shapes.structure(shape_id)
+        for shape_id in ids
+    }
 
 
 def described(params: TrainParams) -> str:
@@ -79,8 +123,8 @@ def held(data: TrainingPoints) -> str:
     return "in memory" if isinstance(data, LoadedPoints) else "streamed, as memory is limited (CAGESDF_MEMORY)"
 
 
-def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints) -> str:
-    """Of all that the weights depend on: parameters, inputs, way of reading, library, torch and device."""
+def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints, ranks: Ranks) -> str:
+    """Of all that the weights depend on: parameters, inputs, way of reading, library, torch, device, ranks, threads."""
     return digest_of(
         {
             "params": params.model_dump(mode="json"),
@@ -90,6 +134,8 @@ def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints) -
             "stage": artefact.digest_file(Path(__file__)),
             "torch": torch.__version__,
             "device": device(),
+            "ranks": ranks.size,
+            "threads": torch.get_num_threads(),
         }
     )
 

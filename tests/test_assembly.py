@@ -115,9 +115,22 @@ def test_a_structure_is_read_back_as_it_was_written() -> None:
     assert "\n" not in CHAIR.to_json()
 
 
+def test_labels_stay_with_the_parts_whatever_becomes_of_the_program() -> None:
+    labelled = CHAIR.labelled({"seat": "board", "back": ""})
+    for structure in (
+        labelled,
+        labelled.transformed(similarity(1)),
+        labelled.with_program(programs.scaled(CHAIR.program, 2.0)),
+        read_structure(labelled.to_json()),
+    ):
+        assert structure.labels() == {part: "board" if part == "seat" else "" for part in CHAIR.parts()}
+    assert "labels" not in CHAIR.to_json()
+
+
 @pytest.mark.parametrize(
     "change",
     [
+        {"labels": ["seat"]},
         {"program": "Assembly P {"},
         {"program": 5},
         {"placement": [1.0]},

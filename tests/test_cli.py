@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 import torch
 import toy
-import trimesh
 
 from cagesdf import cli
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
-from cagesdf.io.meshes import read_ply, write_ply
+from cagesdf.io.meshes import write_ply
 from cagesdf.io.points import CHUNK, PointChunks, write_shard
 from cagesdf.io.runs import Run, write_run
 from cagesdf.meshes import Mesh, is_closed, signed_volume
@@ -191,53 +190,6 @@ def test_what_can_not_be_inspected_is_refused_with_what_was_wanted(command: Comm
     assert "a.ply" in command.complaint("inspect", tmp_path / "a.ply")
     write_points(tmp_path / "points" / "chair")
     assert "holds the artefacts chair" in command.complaint("inspect", tmp_path / "points")
-
-
-def test_a_surface_is_written_in_the_users_frame(command: Command, trained: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out.ply"
-    text = command("extract", trained, "chair_0001", out, "--resolution", "64")
-    mesh = read_ply(out)
-    assert is_closed(mesh)
-    assert f"{len(mesh.faces):,} faces" in text
-    # canonical = 0.5 · R raw + (0.1, 0.2, 0.3), z up: raw x, y, z are canonical x, -z, y.
-    raw = SIZE[[0, 2, 1]] / 0.5
-    centre = np.array([-0.1, 0.3, -0.2]) / 0.5
-    cell = 2.1 / 64 / 0.5
-    np.testing.assert_allclose(mesh.vertices.max(0), centre + raw / 2, atol=cell / 10)
-    np.testing.assert_allclose(mesh.vertices.min(0), centre - raw / 2, atol=cell / 10)
-
-
-@pytest.mark.parametrize("ending", [".obj", ".stl", ".glb", ".PLY"])
-def test_every_format_holds_the_same_closed_solid(ending: str, command: Command, trained: Path, tmp_path: Path) -> None:
-    out = tmp_path / f"out{ending}"
-    command("extract", trained, "chair_0001", out, "--resolution", "32")
-    solid = trimesh.load_mesh(out)
-    assert solid.is_watertight
-    command("extract", trained, "chair_0001", tmp_path / "ours.ply", "--resolution", "32")
-    assert solid.volume == pytest.approx(signed_volume(read_ply(tmp_path / "ours.ply")), rel=1e-5)
-
-
-def test_a_step_of_the_sequence_can_be_asked_for(command: Command, trained: Path, tmp_path: Path) -> None:
-    for step in (0, 1):
-        command("extract", trained, "chair_0001", tmp_path / f"{step}.ply", "--resolution", "32", "--step", step)
-    rest, moved = (np.ptp(read_ply(tmp_path / f"{step}.ply").vertices, axis=0) for step in (0, 1))
-    np.testing.assert_allclose(moved / rest, 1.2, rtol=0.05)
-    complaint = command.complaint("extract", trained, "chair_0001", tmp_path / "x.ply", "--step", 7)
-    assert "has the steps 0, 1" in complaint
-
-
-def test_nothing_is_written_where_something_is_wrong(command: Command, trained: Path, tmp_path: Path) -> None:
-    wanted = tmp_path / "out"
-    wanted.mkdir()
-    out = wanted / "a.ply"
-    assert "did you mean chair_0001" in command.complaint("extract", trained, "chair_001", out)
-    assert "at least 8 cells" in command.complaint("extract", trained, "chair_0001", out, "--resolution", "1")
-    assert "ends in .ply" in command.complaint("extract", trained, "chair_0001", wanted / "a.step")
-    assert "make it first" in command.complaint("extract", trained, "chair_0001", tmp_path / "no" / "a.ply")
-    assert "train stage" in command.complaint("extract", tmp_path, "chair_0001", out)
-    empty = write_trained(tmp_path / "empty", 0.05)
-    assert "no surface at all" in command.complaint("extract", empty, "chair_0001", out)
-    assert list(wanted.iterdir()) == []
 
 
 def write_program(path: Path, name: str = "seat", height: float = 0.5) -> Path:

@@ -11,7 +11,7 @@ import toy
 import yaml
 from test_cli import Command
 
-from cagesdf import cli
+from cagesdf.cli import shapes
 from cagesdf.errors import InputError
 from cagesdf.formats.listing import find_shapes
 from cagesdf.meshes import Mesh
@@ -38,7 +38,7 @@ def write_shapes(folder: Path) -> None:
 
 def test_they_import_as_the_pipeline_does() -> None:
     params = yaml.safe_load((Path(__file__).parent.parent / "params.yaml").read_text(encoding="utf-8"))
-    assert {name: params["import_shapes"][name] for name in cli.IMPORT} == cli.IMPORT
+    assert {name: params["import_shapes"][name] for name in shapes.IMPORT} == shapes.IMPORT
 
 
 def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command: Command, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_anything_but_points_is_refused_and_nothing_written(
     text = command.complaint("sdf", tmp_path / "seat.obj", tmp_path / "points.npy", tmp_path / "out.npy")
     assert "wanted a .npy file" in text
     with pytest.raises(InputError, match=reason):
-        cli._read_points(tmp_path / "points.npy")
+        shapes._read_points(tmp_path / "points.npy")
     assert {path.name for path in tmp_path.iterdir()} == {"seat.obj", "points.npy"}
 
 
@@ -182,7 +182,7 @@ def test_too_many_points_are_refused_before_they_are_read(tmp_path: Path) -> Non
         stream.write(head)
         stream.truncate(len(head) + 30_000_000 * 24)
     with pytest.raises(InputError, match=r"float64 of shape \(30000000, 3\); wanted .* at most 20,000,000"):
-        cli._read_points(tmp_path / "points.npy")
+        shapes._read_points(tmp_path / "points.npy")
 
 
 def test_sdf_refuses_other_places_shapes_and_names(command: Command, tmp_path: Path) -> None:

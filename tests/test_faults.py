@@ -98,7 +98,7 @@ def test_training_names_a_damaged_shard_and_what_to_do(
 ) -> None:
     monkeypatch.chdir(folder)
     params = load("arms.cagesdf", folder / "params.yaml")
-    paths = folder / "undisturbed", folder / "shapes", folder / "sequences"
+    paths = folder / "undisturbed", folder / "shapes", folder / "cuboids", folder / "sequences"
     shard = paths[0] / "shard-0003.parquet"
     whole = shard.read_bytes()
     shard.write_bytes(whole[: len(whole) // 2])

@@ -29,14 +29,16 @@ ALLOWED = {
     "deformation": RECORDS | SOLIDS | {"matching"},
     "sampling": RECORDS | SOLIDS | {"deformation"},
     "models": {"errors"},
-    "io": RECORDS | {"fitting", "matching", "models"},
+    "io": RECORDS | {"fitting", "matching", "models", "evaluation"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | SOLIDS | {"models"},
-    "evaluation": RECORDS | SOLIDS | {"deformation"},
+    "editing": RECORDS | {"solid", "deformation", "io", "extraction"},
+    "evaluation": RECORDS | SOLIDS | {"matching", "deformation", "synthesis"},
+    "inference": RECORDS | SOLIDS | {"fitting", "sampling", "io", "models", "training", "extraction", "evaluation"},
     "rendering": RECORDS | SOLIDS,
     "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
 }
-TORCH = {"models", "training", "extraction", "io/runs.py", "cli"}
+TORCH = {"models", "training", "extraction", "inference", "io/fits.py", "io/runs.py", "editing/session.py", "cli"}
 PYARROW = {"io"}
 YAML = {"params.py", "planning.py", "workspace.py"}
 

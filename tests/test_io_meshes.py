@@ -20,7 +20,7 @@ SIMILARITY = Similarity(0.01, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
 
 
 def surface(shape_id: str = "a", step: int = 0, mesh: Mesh | None = None) -> Surface:
-    return Surface(shape_id, step, step == 2, mesh or toy.ball([0.1, 0, 0], 0.5), 0.25, 1234, SIMILARITY)
+    return Surface(shape_id, step, step == 2, mesh or toy.ball([0.1, 0, 0], 0.5), 0.25, 1234, SIMILARITY, 3, 2, 1e-5)
 
 
 @given(vertices=st.integers(0, 40), faces=st.integers(0, 60), seed=st.integers(0, 99))
@@ -78,6 +78,7 @@ def test_surfaces_come_back_with_all_that_is_known_of_them(tmp_path: Path) -> No
         row = folder.rows[back.shape_id, back.step]
         assert (row["vertices"], row["faces"]) == (len(back.mesh.vertices), len(back.mesh.faces))
         assert (back.held_out, back.clipped, back.asked) == (back.step == 2, 0.25, 1234)
+        assert (back.components, back.dropped, back.overshoot) == (3, 2, 1e-5)
         assert back.similarity.to_numbers() == SIMILARITY.to_numbers()
     with pytest.raises(InputError, match="shape 'a', step 1"):
         folder.read("a", 1)

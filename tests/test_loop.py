@@ -12,8 +12,10 @@ from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training import checkpoint as checkpoint_module
-from cagesdf.training.batches import MemoryBatches, latent_keys, training_set
+from cagesdf.training.batches import Batch, MemoryBatches, latent_keys, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
+from cagesdf.training.distributed import ALONE, Ranks
+from cagesdf.training.gradients import slices
 from cagesdf.training.loop import TrainSettings, rate, train
 
 SETTINGS = TrainSettings(
@@ -27,6 +29,7 @@ SETTINGS = TrainSettings(
     precision="float32",
     log_every=3,
     checkpoint_every=5,
+    snapshots=(7, 20),
 )
 
 
@@ -41,6 +44,7 @@ def training(
     decoder: str = "LocalCageDecoder",
     batch: int = 4,
     seed: int = 0,
+    ranks: Ranks = ALONE,
 ) -> tuple[dict[str, Any], list[dict[str, int | float]], list[int]]:
     """Train on the spheres; weights and latents, the log, and the steps reported."""
     chunks = spheres.chunks((30, 30, 30, 30))
@@ -54,7 +58,7 @@ def training(
         if stop is not None and step >= stop:
             raise Stopped
 
-    log = train(network, table, batches, settings, Checkpoint(folder), report)
+    log = train(network, table, batches, settings, Checkpoint(folder), report, ranks)
     return {**network.state_dict(), "latents": table.values.detach()}, log, reported
 
 
@@ -86,6 +90,19 @@ def test_a_training_that_was_stopped_and_resumed_ends_with_the_same_bits(stop: i
     assert reported[0] == stop // 5 * 5
     assert all(torch.equal(whole[name], resumed[name]) for name in whole)
     assert log == resumed_log
+    kept, whole_kept = (Checkpoint(tmp_path / name).kept() for name in ("stopped", "whole"))
+    assert list(kept) == list(whole_kept) == [7]
+    assert all(torch.equal(tensor, whole_kept[7][name]) for name, tensor in kept[7].items())
+
+
+def test_what_is_kept_after_some_steps_is_what_was_trained_by_then(tmp_path: Path) -> None:
+    training(tmp_path / "kept")
+    with pytest.raises(Stopped):
+        training(tmp_path / "stopped", replace(SETTINGS, log_every=1, checkpoint_every=7), stop=8)
+    saved = Checkpoint(tmp_path / "stopped").load()
+    assert saved is not None
+    kept = Checkpoint(tmp_path / "kept").kept()[7]
+    assert all(torch.equal(tensor, saved[0][name]) for name, tensor in kept.items())
 
 
 def test_a_process_killed_while_it_writes_leaves_the_last_good_checkpoint(
@@ -129,10 +146,62 @@ def test_a_digest_follows_parameters_inputs_and_code() -> None:
     assert digest_of(facts) != digest_of({**facts, "library": {**loaded_library(), "cagesdf.cuboid": "0"}})
 
 
-def test_a_loss_that_is_no_longer_finite_stops_with_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"loss became .* in steps \d+ to \d+; lower learning_rate"):
-        training(tmp_path, replace(SETTINGS, learning_rate=1e18, checkpoint_every=100))
+@pytest.mark.parametrize("every", [1, 100])
+def test_a_loss_that_is_no_longer_finite_stops_with_what_to_do(every: int, tmp_path: Path) -> None:
+    settings = replace(SETTINGS, learning_rate=1e18, checkpoint_every=100, log_every=every)
+    with pytest.raises(InputError, match=r"loss became .* in steps \d+ to \d+; lower learning_rate.*no checkpoint"):
+        training(tmp_path, settings)
     assert not (tmp_path / "training.safetensors").exists()
+
+
+class Spoilt(MemoryBatches):
+    """From the seventh step on, truths of another kind."""
+
+    truth = torch.nan
+
+    def at(self, step: int) -> Batch:
+        batch = super().at(step)
+        return batch if step < 7 else replace(batch, sdf=torch.full_like(batch.sdf, self.truth))
+
+
+@pytest.mark.parametrize(("truth", "every"), [(torch.nan, 5), (torch.nan, 1), (1e4, 5)])
+def test_not_finite_and_diverging_trainings_stop_and_name_the_last_good_checkpoint(
+    truth: float, every: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Spoilt, "truth", truth)
+    monkeypatch.setitem(training.__globals__, "MemoryBatches", Spoilt)
+    settings = replace(SETTINGS, checkpoint_every=every, log_every=3)
+    good = 5 if every == 5 else 7
+    with pytest.raises(InputError, match=rf"lower learning_rate.*step {good} is kept in .*training\.safetensors"):
+        training(tmp_path, settings)
+    saved = Checkpoint(tmp_path).load()
+    assert saved is not None
+    assert saved[1]["step"] == good
+    assert all(torch.isfinite(tensor).all() for tensor in saved[0].values())
+
+
+def test_several_threads_repeat_their_bits_and_train_as_one_does_within_rounding(tmp_path: Path) -> None:
+    before = torch.get_num_threads()
+    results = []
+    try:
+        for run, threads in enumerate((1, 3, 3)):
+            torch.set_num_threads(threads)
+            results.append(training(tmp_path / str(run), batch=7)[0])
+            assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    one, three, again = results
+    assert all(torch.equal(three[name], again[name]) for name in three)
+    torch.testing.assert_close(one, three, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(("threads", "most"), [(1, 32), (2, 32), (3, 5)])
+def test_slices_cover_all_groups_once_and_none_is_too_long(threads: int, most: int) -> None:
+    for groups in (0, 1, 2, 16, 31, 100):
+        parts = slices(groups, threads, most)
+        assert [i for part in parts for i in range(part.start, part.stop)] == list(range(groups))
+        assert all(0 < part.stop - part.start <= most for part in parts)
+        assert len(parts) >= min(groups, threads)
 
 
 def test_the_log_has_means_over_all_steps_and_no_times(tmp_path: Path) -> None:

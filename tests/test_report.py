@@ -17,20 +17,27 @@ from cagesdf import rendering
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.deformation import deform_shape, scaled_cage
 from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.evaluation.edits import FIGURES
 from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.evaluation.tables import PROGRESS
+from cagesdf.evaluation.trials import trial_of
 from cagesdf.fitting.cages import FittedCage
 from cagesdf.io.cuboids import write_cuboids
+from cagesdf.io.edits import write_edit_surfaces, write_edits
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import Surface, write_surfaces
+from cagesdf.io.progress import write_progress
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.scores import SCORES, write_scores
 from cagesdf.io.sequences import write_sequences
-from cagesdf.io.shapes import write_shapes
+from cagesdf.io.shapes import read_shapes, write_shapes
+from cagesdf.io.trials import read_trials, write_trials
 from cagesdf.rendering import CLAY, Scene
 from cagesdf.report import figures
-from cagesdf.report.chart import loss_chart
-from cagesdf.report.gather import part_colours, read_category, spread
+from cagesdf.report.chart import log_chart
+from cagesdf.report.gather import part_colours, read_category, spread, swaps
 from cagesdf.report.page import Category, Grid, write_page
+from cagesdf.shape import Shape
 from cagesdf.solid import cage_surface, union
 from pipeline import Params, ReportParams, artefact
 from stages import report
@@ -45,7 +52,27 @@ def line(mean: float) -> dict[str, dict[str, float]]:
 
 
 TABLE = {"chair": {"cagesdf": line(0.5), "deepsdf": line(0.25), "cage": line(0.125), "ground_truth": line(0.0625)}}
-TABLES = {"about": {"version": 1, "points": 30000, "seeds": [0, 1]}, "table1": TABLE, "table2": {"chair": {}}}
+NO_EDITS = {"about": {}, "categories": {}}
+GAIN = {"median": 0.75, "q25": 0.5, "q75": 0.9, "mean": 0.7, "max": 0.95, "positive": 0.9, "n": 67}
+MOVED = {"median": 0.0, "q25": 0.0, "q75": 0.0, "mean": 0.25, "max": 1.5, "n": 16}
+EDITED = {
+    "cagesdf": {"swap": {"gain": GAIN}, "local": {"moved_mean": MOVED}},
+    "cagesdf_global": {"swap": {"gain": {**GAIN, "median": 0.25}}},
+    "deepsdf": {},
+    "box_warp": {"swap": {"gain": {**GAIN, "median": 0.875}}},
+}
+COURSE = [
+    {"points": 10, "seconds": 2.5, "held_out": True, "surface_distance": 1.0, "cd_deepsdf": 0.1, "nc_signed": 0.5},
+    {"points": 40, "seconds": 10.0, "held_out": True, "surface_distance": 0.1, "cd_deepsdf": 0.01, "nc_signed": 0.9},
+]
+NO_PROGRESS = {"about": {}, "categories": {}}
+TABLES = {
+    "about": {"version": 1, "points": 30000, "seeds": [0, 1]},
+    "table1": TABLE,
+    "table2": {"chair": {}},
+    "edits": {"about": {}, "categories": {"chair": EDITED}},
+    "progress": {"about": {}, "categories": {"chair": dict.fromkeys(("cagesdf", "deepsdf"), COURSE)}},
+}
 
 
 class Page(HTMLParser):
@@ -85,6 +112,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
     comparison = Grid(("cuboids", "ground truth", "cagesdf"), (False,) * 3, ("c<1>",), ((boxes, surface, surface),))
     fitting = Grid(("as given", "fitted"), (False,) * 2, ("c<1>",), ((None, boxes),))
     sequence = Grid(("t = 0.0", "t = 0.5"), (False, True), ("truth", "cagesdf"), ((surface, surface), (None, surface)))
+    swapped = Grid(("cuboids of", "style of", "cagesdf"), (False,) * 3, ("median gain, 0.75",), ((surface,) * 3,))
     curve = [(20, 0.1), (40, 0.05), (60, 0.02)]
     return Category(
         "chair",
@@ -95,6 +123,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
         fitting,
         comparison,
         sequence,
+        swapped,
         {"cagesdf": curve, "deepsdf": curve},
     )
 
@@ -116,7 +145,7 @@ def test_the_page_asks_for_nothing_outside_itself(page: str) -> None:
 def test_every_scene_is_a_picture_and_links_inside_the_page_lead_somewhere(page: str) -> None:
     parsed = Page(page)
     assert parsed.open == []
-    assert parsed.images == 7
+    assert parsed.images == 7 + 3
     for address in parsed.addresses:
         assert not address.startswith("#") or f'id="{address[1:]}"' in page
 
@@ -149,9 +178,24 @@ def test_the_page_says_how_the_cuboids_bound_the_parts(page: str) -> None:
     assert "3 of 40 parts stick out" in text
 
 
+def test_the_best_gain_of_the_arms_is_marked_and_who_cannot_be_edited_says_why(page: str) -> None:
+    text = " ".join(" ".join(Page(page).words).split())
+    assert "The swap of median gain and the one of least gain of the arm cagesdf" in text
+    assert "at most 1.5" in text
+    assert figures.NOT_EDITED in text
+    assert re.search(r'<td class="best">0\.750<small>0\.50 to 0\.90</small>', page)
+    assert not re.search(r'class="best">0\.875', page), "a reference"
+    assert "swap, %" not in re.search(r"<h3>Edits</h3>.*?</table>", page, re.DOTALL).group(), "nobody has that figure"
+
+
 def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
-    bare = Category("stool", 0, 0, {}, BOUNDING, NOTHING, NOTHING, NOTHING, {})
-    write_page(tmp_path / "index.html", {"about": {}, "table1": {}, "table2": {}}, [bare], 48)
+    bare = Category("stool", 0, 0, {}, BOUNDING, NOTHING, NOTHING, NOTHING, NOTHING, {})
+    write_page(
+        tmp_path / "index.html",
+        {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS},
+        [bare],
+        48,
+    )
     parsed = Page((tmp_path / "index.html").read_text(encoding="utf-8"))
     assert parsed.open == []
     assert parsed.images == 0
@@ -197,7 +241,7 @@ def polylines(svg: str) -> list[np.ndarray]:
 
 
 def test_equal_ratios_of_losses_are_equal_heights() -> None:
-    (curve,) = polylines(loss_chart({"a": [(0, 1.0), (1, 0.1), (2, 0.01)]}))
+    (curve,) = polylines(log_chart({"a": [(0, 1.0), (1, 0.1), (2, 0.01)]}, "loss"))
     np.testing.assert_allclose(np.diff(curve[:, 1]), np.diff(curve[:, 1])[0], atol=0.2)
     assert (np.diff(curve, axis=0) > 0).all(), "later is right, lower is below"
 
@@ -210,7 +254,7 @@ def test_equal_ratios_of_losses_are_equal_heights() -> None:
     )
 )
 def test_any_losses_give_a_chart_within_its_frame(curves: dict[str, list[tuple[int, float]]]) -> None:
-    svg = loss_chart({name: sorted(curve, key=lambda point: point[0]) for name, curve in curves.items()})
+    svg = log_chart({name: sorted(curve, key=lambda point: point[0]) for name, curve in curves.items()}, "loss")
     usable = [name for name, curve in curves.items() if any(1e-30 < y < 1e30 for _, y in curve)]
     assert bool(svg) == bool(usable)
     if svg:
@@ -229,8 +273,9 @@ def test_chosen_shapes_are_different_and_in_order(total: int, count: int) -> Non
     assert chosen == sorted(set(chosen))
 
 
+GAINS = (0.9, -1.0, 0.5)  # of the stools' swaps
 PARAMS = Params(format=1)
-REPORT = ReportParams(format=1, shapes=2, image_size=32)
+REPORT = ReportParams(format=1, shapes=2, image_size=32, rates={"cagesdf": 4.0, "deepsdf": 2.0})
 
 
 @pytest.fixture
@@ -277,9 +322,42 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             (out / "log.jsonl").write_text(
                 '{"step": 20.0, "loss": 0.5}\n{"step": 40.0, "loss": 0.25}\n', encoding="utf-8"
             )
+        rows = [] if arm == "deepsdf" else [edit(arm, shapes[i], shapes[i - 1], gain) for i, gain in enumerate(GAINS)]
+        with artefact.write("edits", folder / "edits" / "stool" / arm, inputs={}, params=PARAMS) as out:
+            write_edits(out / "edits.parquet", rows, {"version": 1})
+            write_edit_surfaces(out, {row["trial_id"]: toy.ball([0, 0, 0], 1) for row in rows})
         write_rows(folder / "scores" / "stool" / arm, [(arm, s.shape_id, step) for s in sequences for step in steps])
+    with artefact.write("trials", folder / "trials" / "stool", inputs={}, params=PARAMS) as out:
+        parts = [[part.mesh for part in shape.parts] for shape in shapes]
+        trials = [
+            trial_of("swap", s.shape_id, s.cages[0], meshes, name=shapes[i - 1].shape_id)
+            for i, (s, meshes) in enumerate(zip(sequences, parts))
+        ]
+        write_trials(out, trials, {"version": 1}, left_out=2)
+        write_edits(out / "references.parquet", [edit("unchanged", shapes[0], shapes[2], 0.0)], {"version": 1})
+    with artefact.write("progress", folder / "progress" / "stool", inputs={}, params=PARAMS) as out:
+        course = [
+            {
+                "arm": arm,
+                "shape_id": "stool_0",
+                "step": 1,
+                "held_out": arm == "cagesdf",
+                **dict.fromkeys(PROGRESS, 1 / points),
+            }
+            | {"points": points}
+            for arm in ("cagesdf", "deepsdf")
+            for points in (10, 40)
+        ]
+        write_progress(out, course, {"version": 1})
     write_rows(folder / "scores" / "stool" / "references", [("cage", "stool_0", 0), ("ground_truth", "stool_0", 0)])
     return folder
+
+
+def edit(arm: str, shape: Shape, style: Shape, gain: float) -> dict[str, object]:
+    """A row of a swap."""
+    key = {"kind": "swap", "shape_id": shape.shape_id, "style_of": style.shape_id}
+    trial_id = f"swap/{shape.shape_id}/{style.shape_id}"
+    return {"arm": arm, "trial_id": trial_id, **key, **dict.fromkeys(FIGURES, 0.5), "gain": gain}
 
 
 def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
@@ -290,7 +368,7 @@ def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
 
 
 def make(data: Path, name: str) -> tuple[Path, Path]:
-    kinds = ("scores", "meshes", "runs", "shapes", "cuboids", "sequences")
+    kinds = ("scores", "meshes", "runs", "shapes", "cuboids", "sequences", "trials", "edits", "progress")
     report.main(*(data / kind for kind in kinds), data / name / "metrics", data / name / "report", REPORT)
     return data / name / "metrics" / "tables.json", data / name / "report" / "index.html"
 
@@ -304,9 +382,20 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
         "outside_before": 0.0, "outside": 0.0, "volume_ratio": 1.0, "parts": 15, "unbounded": 0,
     }  # fmt: skip
     parsed = Page(page.read_text(encoding="utf-8"))
-    assert parsed.images == 2 + 2 * 4 + 3 + 3 + 2, (
-        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions"
+    assert parsed.images == 2 + 2 * 4 + 3 + 3 + 2 + 2 * 4, (
+        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions; two swaps"
     )
+    assert content["edits"]["categories"]["stool"]["cagesdf"]["swap"]["gain"]["median"] == 0.5
+    assert content["edits"]["categories"]["stool"]["deepsdf"] == {}
+    course = content["progress"]["categories"]["stool"]
+    assert [(row["points"], row["seconds"], row["held_out"]) for row in course["cagesdf"]] == [
+        (10, 2.5, True),
+        (40, 10.0, True),
+    ]
+    assert [(row["seconds"], row["surface_distance"]) for row in course["deepsdf"]] == [(5.0, 0.1), (20.0, 0.025)]
+    assert "Time to quality" in page.read_text(encoding="utf-8")
+    assert "but for deepsdf" in page.read_text(encoding="utf-8")
+    assert content["trials"] == {"stool": {"swap": 3, "left_out": 2}}
     assert "3 shapes passed" in parsed.words
     assert "no faces" in parsed.words
     for first, again in zip((tables, page), make(data, "b")):
@@ -316,13 +405,24 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
 def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
     places = {"cagesdf": data / "meshes" / "stool" / "cagesdf"}
     category = read_category(
-        data / "shapes" / "stool", data / "cuboids" / "stool", data / "sequences" / "stool", places, {}, 9
+        *(data / kind / "stool" for kind in ("shapes", "cuboids", "sequences", "trials")), places, {}, {}, 9
     )
     assert category.comparison.names == ("stool_0", "stool_1", "stool_2")
     heights = [np.ptp(scene.points()[:, 1]) for scene in category.sequence.scenes[1] if scene]
     assert heights[2] == pytest.approx(1.4 * heights[0])
     assert category.sequence.held_out == (False, True, False)
     assert [scene is None for scene in category.sequence.scenes[2]] == [False, False, True]
+
+
+def test_the_swaps_shown_are_those_of_median_and_of_least_gain(data: Path) -> None:
+    edits = {arm: data / "edits" / "stool" / arm for arm in ("deepsdf", "cagesdf")}
+    grid = swaps(read_shapes(data / "shapes" / "stool"), read_trials(data / "trials" / "stool"), edits)
+    assert grid.columns == ("cuboids of", "style of", "cagesdf", "ground truth")
+    assert grid.names == (
+        "median gain, 0.50: stool_2 in the style of stool_1", "least gain, -1.00: stool_1 in the style of stool_0",
+    )  # fmt: skip
+    nothing = swaps(read_shapes(data / "shapes" / "stool"), read_trials(data / "trials" / "stool"), {})
+    assert nothing == NOTHING or nothing.scenes == ()
 
 
 def test_parts_of_one_label_share_a_colour_and_unlabelled_parts_have_their_own() -> None:

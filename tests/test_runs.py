@@ -10,7 +10,7 @@ import spheres
 import torch
 
 from cagesdf.errors import InputError
-from cagesdf.io.runs import Run, read_run, write_run
+from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of, write_run, write_snapshot
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
 
@@ -78,6 +78,36 @@ def test_the_same_run_gives_the_same_bytes_and_nothing_pickled(
     names = ["arm.json", "cages.parquet", "latents.parquet", "log.jsonl", "shapes.parquet", "weights.safetensors"]
     assert sorted(path.name for path in folder.iterdir()) == names
     assert all((folder / name).read_bytes() == (other / name).read_bytes() for name in names)
+
+
+def tensors(run: Run) -> dict[str, torch.Tensor]:
+    decoder = {f"decoder.{name}": tensor for name, tensor in run.decoder.state_dict().items()}
+    return {**decoder, "latents": run.latents.values.detach()}
+
+
+def test_a_run_comes_back_as_it_was_after_some_steps(folder: Path) -> None:
+    now = tensors(read_run(folder))
+    then = {name: tensor + i + 1 for i, (name, tensor) in enumerate(now.items())}
+    write_snapshot(folder, 1000, then)
+    write_snapshot(folder, 30, now)
+    assert snapshots_of(folder) == (30, 1000)
+    read = read_snapshot(folder, 1000)
+    assert all(torch.equal(tensor, then[name]) for name, tensor in tensors(read).items())
+    assert torch.equal(read.latent("small", 0), then["latents"][1])
+    assert not any(parameter.requires_grad for parameter in (*read.decoder.parameters(), *read.latents.parameters()))
+    assert all(torch.equal(tensor, now[name]) for name, tensor in tensors(read_run(folder)).items())
+
+
+def test_a_snapshot_that_is_missing_or_of_another_network_is_named(folder: Path) -> None:
+    with pytest.raises(InputError, match=r"00000007\.safetensors: no such file"):
+        read_snapshot(folder, 7)
+    now = tensors(read_run(folder))
+    write_snapshot(folder, 7, {name: tensor for name, tensor in now.items() if name != "decoder.backbone.out.weight"})
+    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights"):
+        read_snapshot(folder, 7)
+    write_snapshot(folder, 7, {**now, "latents": now["latents"][:1]})
+    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the latents"):
+        read_snapshot(folder, 7)
 
 
 def test_steps_are_all_of_a_shape_or_those_with_a_latent_of_their_own(tmp_path: Path) -> None:

@@ -1,18 +1,25 @@
 """The train stage: every arm trains, repeats, resumes, and says what it used."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 import spheres
 import toy
 import yaml
 
 from cagesdf.errors import InputError
+from cagesdf.fitting.fitted import FittedCage
+from cagesdf.frames import Similarity
+from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.points import write_shard
 from cagesdf.io.runs import read_run
 from cagesdf.io.sequences import write_sequences
+from cagesdf.shape import AlignedPart
+from cagesdf.structure.assembly import Assembly
 from cagesdf.training.batches import Batches, MemoryBatches
 from cagesdf.training.points import StreamedBatches
 from pipeline import Params, TrainParams, artefact, load
@@ -43,12 +50,15 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def inputs(tmp_path: Path) -> tuple[Path, Path, Path]:
+def inputs(tmp_path: Path) -> tuple[Path, ...]:
     params = Params(format=1)
     names = sorted(spheres.RADII)
     shapes = [toy.stool(name) for name in names]
-    paths = tmp_path / "points", toy.write_shapes_artefact(tmp_path / "shapes", shapes), tmp_path / "sequences"
-    with artefact.write("sequences", paths[2], inputs={}, params=params) as folder:
+    toy.write_shapes_artefact(tmp_path / "shapes", shapes)
+    paths = tuple(tmp_path / name for name in ("points", "shapes", "cuboids", "sequences"))
+    with artefact.write("cuboids", paths[2], inputs={}, params=params) as folder:
+        write_cuboids(folder, {})
+    with artefact.write("sequences", paths[3], inputs={}, params=params) as folder:
         write_sequences(folder, spheres.sequences().values(), {name: np.zeros((2, 1)) for name in names})
     with artefact.write("points", paths[0], inputs={}, params=params) as folder:
         write_shard(
@@ -61,7 +71,7 @@ ARMS = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))["run"]
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path, ...], tmp_path: Path) -> None:
     main(*inputs, out=tmp_path / name, params=arm(name))
     run = read_run(tmp_path / name)
     assert run.params["decoder"] == type(run.decoder).__name__ == arm(name).decoder
@@ -73,7 +83,7 @@ def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path,
 
 
 def test_the_stage_says_which_points_it_trained_on(
-    inputs: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    inputs: tuple[Path, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(*inputs, out=tmp_path / "run", params=arm("cagesdf_noaug"))
     used = read_run(tmp_path / "run").points["used"]
@@ -85,7 +95,7 @@ def test_the_stage_says_which_points_it_trained_on(
 def test_an_interrupted_stage_leaves_no_output_and_resumed_gives_the_same_bytes(
     memory: str,
     way: type[Batches],
-    inputs: tuple[Path, Path, Path],
+    inputs: tuple[Path, ...],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -119,7 +129,7 @@ def test_an_interrupted_stage_leaves_no_output_and_resumed_gives_the_same_bytes(
 
 
 def test_streaming_trains_on_as_many_points_and_says_so(
-    inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    inputs: tuple[Path, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(*inputs, out=tmp_path / "loaded", params=arm("deepsdf"))
     monkeypatch.setenv("CAGESDF_MEMORY", "1K")
@@ -131,7 +141,7 @@ def test_streaming_trains_on_as_many_points_and_says_so(
 
 
 def test_a_checkpoint_of_other_parameters_inputs_or_way_of_reading_is_not_taken_up(
-    inputs: tuple[Path, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    inputs: tuple[Path, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def kept(*_: object) -> None:
         raise KeyboardInterrupt
@@ -151,15 +161,36 @@ def test_a_checkpoint_of_other_parameters_inputs_or_way_of_reading_is_not_taken_
     assert len(list(Path("checkpoints").iterdir())) == 4
 
 
-def test_inputs_of_the_wrong_kind_and_points_without_cages_are_refused_by_name(
-    inputs: tuple[Path, Path, Path], tmp_path: Path
+def test_a_shape_whose_cuboids_follow_from_a_program_has_it_as_it_was_fitted_and_labelled(
+    inputs: tuple[Path, ...], tmp_path: Path
 ) -> None:
-    points, shapes, sequences = inputs
+    """Its structure as it was read is that of the program before it was fitted."""
+    place = Similarity(2.0, np.eye(3), np.zeros(3))
+    given, fitted = (Assembly(program, place) for program in (programs.CHAIR, programs.scaled(programs.CHAIR, 1.1)))
+    alignment = (AlignedPart("seat", "3", "board", (), (), 1.0),)
+    shutil.rmtree(inputs[1])
+    shapes = [replace(toy.stool("large"), structure=given, alignment=alignment), toy.stool("small")]
+    toy.write_shapes_artefact(inputs[1], shapes)
+    nothing = np.zeros(len(fitted.parts()))
+    fit = FittedCage(fitted.cage(), fitted, nothing, nothing, nothing, nothing, 0.0, 0.0)
+    shutil.rmtree(inputs[2])
+    with artefact.write("cuboids", inputs[2], inputs={}, params=Params(format=1)) as folder:
+        write_cuboids(folder, {"large": fit})
+    main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
+    structures = read_run(tmp_path / "run").structures
+    assert structures["large"].to_json() == fitted.labelled({"seat": "board"}).to_json()
+    assert structures["small"].to_json() == shapes[1].structure.to_json()
+
+
+def test_inputs_of_the_wrong_kind_and_points_without_cages_are_refused_by_name(
+    inputs: tuple[Path, ...], tmp_path: Path
+) -> None:
+    points, shapes, cuboids, sequences = inputs
     with pytest.raises(artefact.ArtefactError, match="holds 'shapes', wanted 'points'"):
-        main(shapes, shapes, sequences, out=tmp_path / "run", params=arm("cagesdf"))
+        main(shapes, shapes, cuboids, sequences, out=tmp_path / "run", params=arm("cagesdf"))
     shutil.rmtree(sequences)
     only = [spheres.sequences()["large"]]
     with artefact.write("sequences", sequences, inputs={}, params=Params(format=1)) as folder:
         write_sequences(folder, only, {"large": np.zeros((2, 1))})
     with pytest.raises(InputError, match=r"shape small.*no cage"):
-        main(points, shapes, sequences, out=tmp_path / "run", params=arm("cagesdf"))
+        main(points, shapes, cuboids, sequences, out=tmp_path / "run", params=arm("cagesdf"))

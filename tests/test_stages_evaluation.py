@@ -14,7 +14,8 @@ from cagesdf.deformation import interpolated_cage
 from cagesdf.evaluation.reconstruction import METRICS
 from cagesdf.evaluation.tables import gather_tables
 from cagesdf.io.meshes import read_surfaces
-from cagesdf.io.runs import Run, write_run
+from cagesdf.io.progress import read_progress
+from cagesdf.io.runs import Run, write_run, write_snapshot
 from cagesdf.io.scores import read_scores
 from cagesdf.io.sequences import write_sequences
 from cagesdf.meshes import is_closed
@@ -22,12 +23,15 @@ from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import PartHierarchy
-from pipeline import EvaluateParams, ExtractParams, Params, ReferencesParams, artefact
+from pipeline import EvaluateParams, ExtractParams, Params, ProgressParams, ReferencesParams, artefact
 from pipeline.artefact import ArtefactError
-from stages import evaluate, evaluate_references, extract_meshes
+from stages import evaluate, evaluate_progress, evaluate_references, extract_meshes
 
-EXTRACT = ExtractParams(format=1, resolution=32, sources=2, held_out=1, outside="union", seed=5)
+EXTRACT = ExtractParams(
+    format=1, resolution=32, sources=2, held_out=1, outside="union", overlap="blend", loose="keep", seed=5
+)
 EVALUATE = EvaluateParams(format=1, points=500, volume_points=500, detail=0.005, seeds=(0, 1))
+PROGRESS = ProgressParams(format=1, resolution=24, shapes=2, points=300, detail=0.005, seed=8)
 REFERENCES = ReferencesParams(format=1, evaluate=EVALUATE, extract_meshes=EXTRACT)
 SHAPES = [toy.stool("a"), toy.stool("b", width=1.3, height=0.6), toy.stool("c", lean=0.3)]
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
@@ -65,7 +69,15 @@ def trained(arm: str, sequences: dict[str, Sequence]) -> Run:
     structures = {shape.shape_id: PartHierarchy.from_json(shape.structure.to_json()) for shape in SHAPES}
     similarities = {shape.shape_id: shape.similarity for shape in SHAPES}
     latents = LatentTable.drawn(keys, 4, 0.1, seed=0)
-    return Run(decoder, latents, sequences, structures, similarities, {**ARMS[arm], **SIZES}, {})
+    return Run(
+        decoder,
+        latents,
+        sequences,
+        structures,
+        similarities,
+        {**ARMS[arm], **SIZES, "steps": 40, "batch_chunks": 2},
+        {},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +91,12 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for arm in ARMS:
         with artefact.write("run", folder / "runs" / arm, inputs={}, params=Params(format=1)) as out:
             write_run(out, trained(arm, sequences), [])
+            # After ten steps all arms said that nothing is there.
+            decoder = trained(arm, sequences).decoder
+            with torch.no_grad():
+                list(decoder.parameters())[-1].fill_(0.05)
+            weights = {f"decoder.{name}": tensor for name, tensor in decoder.state_dict().items()}
+            write_snapshot(out, 10, {**weights, "latents": trained(arm, sequences).latents.values.detach()})
     return folder
 
 
@@ -108,6 +126,24 @@ def test_every_surface_is_closed_or_empty_and_every_arm_has_the_same_source_shap
     assert [step for _, step in keys["cagesdf"]].count(0) == 2
     assert [step for _, step in keys["cagesdf"]].count(1) == 1
     assert keys["deepsdf"] == [key for key in keys["cagesdf"] if key[1] == 0]
+
+
+def test_progress_is_measured_at_snapshots_and_at_the_end(inputs: Path, tmp_path: Path) -> None:
+    for workers in ("1", "2"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CAGESDF_WORKERS", workers)
+            evaluate_progress.main(inputs / "runs", inputs / "shapes", tmp_path / workers, PROGRESS)
+    assert (
+        filecmp.cmpfiles(tmp_path / "1", tmp_path / "2", ["progress.parquet", "manifest.json"], shallow=False)[1] == []
+    )
+    rows, about = read_progress(tmp_path / "1")
+    assert about["resolution"] == 24
+    # Two groups of 64 points a step; held-out steps, but where each deformed shape has a latent of its own.
+    assert {row["points"] for row in rows} == {10 * 2 * 64, 40 * 2 * 64}
+    assert {(row["arm"], row["held_out"]) for row in rows} == {("cagesdf", True), ("deepsdf", False), ("nothing", True)}
+    worst = {(row["arm"], row["points"]) for row in rows if row["surface_distance"] == pytest.approx(100)}
+    assert worst == {("cagesdf", 1280), ("deepsdf", 1280), ("nothing", 1280), ("nothing", 5120)}
+    assert len(rows) == 3 * 2 * 2
 
 
 def test_references_are_measured_on_the_steps_that_are_extracted(done: Path) -> None:

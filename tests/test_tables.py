@@ -1,12 +1,14 @@
 """Tables 1 and 2 from rows."""
 
 import math
+from typing import Any
 
 import pytest
 
 from cagesdf.errors import InputError
+from cagesdf.evaluation.edits import FIGURES
 from cagesdf.evaluation.reconstruction import METRICS
-from cagesdf.evaluation.tables import gather_tables
+from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 
 ABOUT = {"version": 1, "seeds": [0, 1]}
 
@@ -61,3 +63,58 @@ def test_figures_that_were_measured_in_other_ways_are_not_put_side_by_side() -> 
         gather_tables({"chair": files})
     with pytest.raises(InputError, match="measured alike"):
         gather_tables({"chair": []})
+
+
+def edit(trial: str, kind: str, **figures: float) -> dict[str, Any]:
+    return {"arm": "cagesdf", "trial_id": trial, "kind": kind} | dict.fromkeys(FIGURES, math.nan) | figures
+
+
+def test_edits_are_told_by_kind_with_quartiles_and_the_share_of_gains() -> None:
+    gains = [-1.0, 0.0, 0.25, 0.5, 1.0]
+    rows = [edit(f"swap/{i}", "swap", gain=gain, refit=2.0) for i, gain in enumerate(gains)]
+    rows.append(edit("rest/a", "rest", refit=8.0, distance=0.5))
+    table = gather_edits({"chair": {"cagesdf": (rows, ABOUT)}})
+    assert table["about"] == ABOUT
+    kinds = table["categories"]["chair"]["cagesdf"]
+    assert kinds["swap"]["gain"] == {
+        "median": 0.25, "q25": 0.0, "q75": 0.5, "mean": pytest.approx(0.15), "max": 1.0, "positive": 0.6, "n": 5,
+    }  # fmt: skip
+    assert kinds["all"] == {
+        "refit": {"median": 2.0, "q25": 2.0, "q75": 2.0, "mean": 3.0, "max": 8.0, "n": 6},
+    }  # fmt: skip
+    assert set(kinds["rest"]) == {"distance", "refit"}
+
+
+def test_an_arm_that_cannot_be_edited_stands_in_the_table_without_figures() -> None:
+    files = {"deepsdf": ([], ABOUT), "references": ([edit("rest/a", "rest", refit=0.0) | {"arm": "box_warp"}], ABOUT)}
+    table = gather_edits({"chair": files})["categories"]["chair"]
+    assert table["deepsdf"] == {}
+    assert sorted(table) == ["box_warp", "deepsdf"]
+    assert gather_edits({}) == {"about": {}, "categories": {}}
+
+
+def test_edits_that_were_measured_in_other_ways_are_not_put_side_by_side() -> None:
+    with pytest.raises(InputError, match="measured alike"):
+        gather_edits({"chair": {"a": ([], ABOUT), "b": ([], {**ABOUT, "version": 2})}})
+
+
+def course(arm: str, points: int, distance: float) -> dict[str, object]:
+    figures = {"surface_distance": distance, "cd_deepsdf": 0.5, "nc_signed": 0.75}
+    return {"arm": arm, "points": points, "shape_id": "a", "step": 2, "held_out": arm != "late", **figures}
+
+
+def test_seconds_along_a_training_are_points_by_the_arms_rate_and_shapes_are_averaged() -> None:
+    rows = [course("early", 100, 1.0), course("early", 100, 2.0), course("early", 300, 0.5), course("late", 100, 4.0)]
+    table = gather_progress({"chair": (rows, {"points": 5})}, {"early": 50.0, "late": 200.0})
+    assert table["about"] == {"points": 5}
+    early, late = table["categories"]["chair"]["early"], table["categories"]["chair"]["late"]
+    assert [(row["points"], row["seconds"], row["surface_distance"]) for row in early] == [(100, 2, 1.5), (300, 6, 0.5)]
+    assert [(row["seconds"], row["held_out"], row["surface_distance"]) for row in late] == [(0.5, False, 4.0)]
+
+
+def test_an_arm_without_a_rate_and_files_that_were_measured_otherwise_are_refused() -> None:
+    rows = [course("early", 100, 1.0)]
+    with pytest.raises(InputError, match=r"report\.rates: has no arm early"):
+        gather_progress({"chair": (rows, {})}, {"late": 1.0})
+    with pytest.raises(InputError, match="rerun evaluate_progress"):
+        gather_progress({"chair": (rows, {"points": 5}), "table": (rows, {"points": 6})}, {"early": 1.0})

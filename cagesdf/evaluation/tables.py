@@ -1,4 +1,4 @@
-"""Table 1 (reconstruction of source shapes) and Table 2 (held-out middle steps) from figures by shape."""
+"""Table 1 (reconstruction of source shapes), Table 2 (held-out middle steps) and Edits, from figures by shape."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 
 from cagesdf.errors import InputError
+from cagesdf.evaluation.edits import FIGURES, OF_ALL
 from cagesdf.evaluation.reconstruction import METRICS
 
 Rows = Iterable[Mapping[str, Any]]
+PROGRESS = ("surface_distance", "cd_deepsdf", "nc_signed")  # along a training
 TABLES = {"table1": lambda row: row["step"] == 0, "table2": lambda row: row["held_out"]}
 
 
@@ -55,4 +57,70 @@ def summarise(rows: Rows) -> dict[str, dict[str, float | int | None]]:
             "std": (float(np.std(means, ddof=1)) if len(means) > 1 else 0.0) if means else None,
             "n": len(means),
         }
+    return result
+
+
+def gather_progress(files: Mapping[str, tuple[Rows, Mapping[str, Any]]], rates: Mapping[str, float]) -> dict[str, Any]:
+    """`{"about": …, "categories": {category: {arm: [{"points", "seconds", "held_out", metric: mean}]}}}`.
+
+    `files[category]` are a file's contents: rows as `io.progress` has them. `rates` are points a second by
+    arm, which make seconds of points. Raises InputError if two files were not measured alike, or an arm has no rate.
+    """
+    about = [definitions for _, definitions in files.values()]
+    if any(other != about[0] for other in about):
+        raise InputError("progress: wanted files that were all measured alike; rerun evaluate_progress")
+    categories: dict[str, dict[str, list[dict[str, float]]]] = {}
+    for category, (rows, _) in sorted(files.items()):
+        groups: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
+        for row in rows:
+            groups.setdefault((row["arm"], row["points"]), []).append(row)
+        for (arm, points), some in sorted(groups.items()):
+            if arm not in rates:
+                raise InputError(f"report.rates: has no arm {arm}; wanted the points a second that it trains on")
+            means = {name: float(np.mean([row[name] for row in some])) for name in PROGRESS}
+            key = {"points": points, "seconds": points / rates[arm], "held_out": all(row["held_out"] for row in some)}
+            categories.setdefault(category, {}).setdefault(arm, []).append(key | means)
+    return {"about": dict(about[0]) if about else {}, "categories": categories}
+
+
+def gather_edits(files: Mapping[str, Mapping[str, tuple[Rows, Mapping[str, Any]]]]) -> dict[str, Any]:
+    """`{"about": …, "categories": {category: {arm: {kind: {figure: {"median", "q25", "q75", …}}}}}}`.
+
+    `files[category][name]` are a file's contents: rows as `edit_row` gives them, and what they mean. An arm
+    without any row, named like its file, can't be edited and has no kinds. The kind `all` has OF_ALL over all trials.
+
+    Raises InputError if two files were not measured alike.
+    """
+    about = [definitions for by_name in files.values() for _, definitions in by_name.values()]
+    if any(other != about[0] for other in about):
+        raise InputError("edits: wanted files that were all measured alike; rerun make_trials and evaluate_edits")
+    categories = {}
+    for category, by_name in sorted(files.items()):
+        arms: dict[str, list[Mapping[str, Any]]] = {}
+        for name, (rows, _) in by_name.items():
+            listed = list(rows)
+            for arm in dict.fromkeys(row["arm"] for row in listed) or [name]:
+                arms[arm] = [row for row in listed if row["arm"] == arm]
+        categories[category] = {arm: summarise_edits(rows) for arm, rows in sorted(arms.items())}
+    return {"about": dict(about[0]) if about else {}, "categories": categories}
+
+
+def summarise_edits(rows: Rows) -> dict[str, dict[str, dict[str, float | int]]]:
+    """By kind of trial and figure: median, quartiles, mean, largest and number; of gains the share above 0 too.
+
+    A figure that no trial has (NaN) is left out.
+    """
+    groups: dict[tuple[str, str], list[float]] = {}
+    for row in rows:
+        for figure in FIGURES:
+            if not np.isnan(row[figure]):
+                for kind in (row["kind"], "all") if figure in OF_ALL else (row["kind"],):
+                    groups.setdefault((kind, figure), []).append(row[figure])
+    result: dict[str, dict[str, dict[str, float | int]]] = {}
+    for (kind, figure), values in sorted(groups.items()):
+        q25, median, q75 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
+        summary = {"median": median, "q25": q25, "q75": q75, "mean": float(np.mean(values)), "max": max(values)}
+        if figure == "gain":
+            summary["positive"] = float(np.mean(np.array(values) > 0))
+        result.setdefault(kind, {})[figure] = summary | {"n": len(values)}
     return result

@@ -22,7 +22,7 @@ from cagesdf.meshes import Mesh, is_closed
 KIND = "meshes"
 INDEX = Layout(
     "meshes",
-    1,
+    2,
     (
         Column("shape_id", pa.string(), "the source"),
         Column("step", pa.int32(), "of its sequence; 0 is the rest shape"),
@@ -33,6 +33,9 @@ INDEX = Layout(
         Column("closed", pa.bool_(), "no hole, one orientation; false if there is no face"),
         Column("clipped", pa.float64(), "share of the vertices where the cage cut off what the network wanted"),
         Column("asked", pa.int64(), "points given to the network"),
+        Column("components", pa.int32(), "pieces that hang together"),
+        Column("dropped", pa.int32(), "further pieces that were left out"),
+        Column("overshoot", pa.float64(), "how far the surface leaves the cuboids, in cells"),
         Column("similarity", pa.list_(pa.float64()), "raw → canonical: scale, rotation by rows, translation"),
     ),
     {"frame": "canonical"},
@@ -56,6 +59,9 @@ class Surface:
     clipped: float  # share of the vertices where the cage cut off what the network wanted
     asked: int  # points given to the network
     similarity: Similarity  # raw → canonical
+    components: int = 1  # pieces that hang together
+    dropped: int = 0  # further pieces that were left out
+    overshoot: float = 0.0  # how far it leaves the cuboids, in cells
 
     def in_raw(self) -> Mesh:
         """The mesh in the frame and unit of the user's files."""
@@ -88,6 +94,9 @@ def write_surfaces(folder: Path, surfaces: Iterable[Surface]) -> None:
                 "closed": closed,
                 "clipped": surface.clipped,
                 "asked": surface.asked,
+                "components": surface.components,
+                "dropped": surface.dropped,
+                "overshoot": surface.overshoot,
                 "similarity": surface.similarity.to_numbers(),
             }
         )
@@ -115,7 +124,18 @@ class SurfaceFolder:
         row = self.rows[shape_id, step]
         mesh = read_ply(self.folder / row["file"])
         similarity = Similarity.from_numbers(row["similarity"])
-        return Surface(shape_id, step, row["held_out"], mesh, row["clipped"], row["asked"], similarity)
+        return Surface(
+            shape_id,
+            step,
+            row["held_out"],
+            mesh,
+            row["clipped"],
+            row["asked"],
+            similarity,
+            row["components"],
+            row["dropped"],
+            row["overshoot"],
+        )
 
     def __len__(self) -> int:
         return len(self.rows)

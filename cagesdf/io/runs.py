@@ -6,11 +6,13 @@ cages.parquet         the cages of all steps, held-out ones too
 shapes.parquet        structures and similarities
 arm.json              the arm's parameters, and how many points it was trained on
 log.jsonl             the course of the training
+residuals.parquet     how well it fits each shape at rest (io/residuals.py)
+snapshots/            <steps>.safetensors: weights and latents after so many steps
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ from cagesdf.structure.stored import read_structure
 
 KIND = "run"
 VERSION = 1
+SNAPSHOTS = "snapshots"
 LATENTS = Layout(
     "latents",
     1,
@@ -106,6 +109,13 @@ def write_run(folder: Path, run: Run, log: list[dict[str, int | float]]) -> None
     _write_text(folder / "log.jsonl", "".join(json.dumps(row) + "\n" for row in log))
 
 
+def write_snapshot(folder: Path, steps: int, tensors: Mapping[str, Tensor]) -> None:
+    """Add to a run what it was after so many steps; tensors are named as `training.loop` names them."""
+    path = folder / SNAPSHOTS / f"{steps:08d}.safetensors"
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(save({name: tensor.cpu().contiguous() for name, tensor in tensors.items()}))
+
+
 def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
@@ -134,6 +144,25 @@ def read_run(folder: Path, device: torch.device | str = "cpu") -> Run:
     )
 
 
+def snapshots_of(folder: Path) -> tuple[int, ...]:
+    """After how many steps a run has snapshots, ascending."""
+    return tuple(sorted(int(path.stem) for path in (folder / SNAPSHOTS).glob("*.safetensors")))
+
+
+def read_snapshot(folder: Path, steps: int, device: torch.device | str = "cpu") -> Run:
+    """A run as it was after so many steps. Raises InputError as `read_run` does."""
+    run = read_run(folder, device)
+    path = folder / SNAPSHOTS / f"{steps:08d}.safetensors"
+    tensors = _load_tensors(path)
+    latents = tensors.pop("latents", None)
+    if latents is None or latents.shape != run.latents.values.shape:
+        raise InputError(f"{path}: doesn't hold the latents of latents.parquet; train again")
+    weights = {name.removeprefix("decoder."): tensor for name, tensor in tensors.items()}
+    decoder = _loaded(run.decoder, weights, path)
+    table = LatentTable(run.latents.keys, latents).to(device).requires_grad_(False)
+    return replace(run, decoder=decoder, latents=table)
+
+
 def _read_arm(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; wanted a folder that the train stage wrote")
@@ -148,12 +177,22 @@ def _read_arm(path: Path) -> dict[str, Any]:
 
 
 def _read_decoder(path: Path, params: Mapping[str, Any]) -> nn.Module:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; train again")
     sizes = {name: params[name] for name in ("width", "layers", "latent_dim", "mapping", "octaves")}
-    decoder = make_decoder(params["decoder"], **sizes, seed=0)
+    return _loaded(make_decoder(params["decoder"], **sizes, seed=0), _load_tensors(path), path)
+
+
+def _loaded(decoder: nn.Module, weights: Mapping[str, Tensor], path: Path) -> nn.Module:
     try:
-        decoder.load_state_dict(load_file(path))
-    except (safetensors.SafetensorError, RuntimeError) as error:
+        decoder.load_state_dict(weights)
+    except RuntimeError as error:
         raise InputError(f"{path}: doesn't hold the weights that arm.json describes ({error}); train again") from error
     return decoder.eval().requires_grad_(False)
+
+
+def _load_tensors(path: Path) -> dict[str, Tensor]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; train again")
+    try:
+        return load_file(path)
+    except safetensors.SafetensorError as error:
+        raise InputError(f"{path}: is damaged ({error}); train again") from error

@@ -3,19 +3,18 @@
 from collections.abc import Sequence
 
 import torch
-from torch import nn
 
 from cagesdf.errors import InputError
-from cagesdf.models.decoders import CageDecoder, DeepSdfDecoder, LocalCageDecoder
+from cagesdf.models.decoders import CageDecoder, Decoder, DeepSdfDecoder, LocalCageDecoder
 
-DECODERS: dict[str, type[nn.Module]] = {
+DECODERS: dict[str, type[Decoder]] = {
     decoder.__name__: decoder for decoder in (CageDecoder, LocalCageDecoder, DeepSdfDecoder)
 }
 
 
 def make_decoder(
     name: str, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int, seed: int
-) -> nn.Module:
+) -> Decoder:
     """A decoder with weights drawn from `seed`. Raises InputError for a name that no decoder has."""
     if name not in DECODERS:
         raise InputError(f"no decoder {name!r}; there are {', '.join(DECODERS)}")

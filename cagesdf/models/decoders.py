@@ -6,18 +6,44 @@ cuboids are canonical, distances too, negative inside. `cuboid` is the 15-vector
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from cagesdf.models.film import FilmBackbone
+from cagesdf.models.film import FilmBackbone, modulated
 
 CUBOID = 15  # numbers that describe a cuboid (§3.1)
 
 
-class CageDecoder(nn.Module):
+class Decoder(nn.Module, ABC):
+    """A network in three steps: what it is given of points, what groups need once, and the layers."""
+
+    @abstractmethod
+    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
+        """What the layers are given of each point."""
+
+    @abstractmethod
+    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """What a group's latent and cuboid do to the layers."""
+
+    @abstractmethod
+    def at(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
+    ) -> Float[Tensor, "g n"]:
+        """Signed distance of each point; matrices are multiplied in the number format `products`."""
+
+    def forward(
+        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    ) -> Float[Tensor, "g n"]:
+        """Signed distance of each point."""
+        features = self.features(points, cuboid)
+        return self.at(features, self.condition(latent, cuboid), features.dtype)
+
+
+class CageDecoder(Decoder):
     """The paper's network: points in the shape's frame, FiLM by latent and cuboid (§3.1, Fig. 2).
 
     With `octaves`, points and cuboids come with sine features, which the paper's did not: in a
@@ -29,16 +55,22 @@ class CageDecoder(nn.Module):
         self.octaves = octaves
         self.backbone = FilmBackbone(3 + 6 * octaves, latent_dim + CUBOID * (1 + 2 * octaves), width, layers, mapping)
 
-    def forward(
-        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """Scales and shifts of the layers."""
+        return self.backbone.mapping(torch.cat([latent, cuboid, sine_features(cuboid, self.octaves)], dim=-1))
+
+    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
+        """The point and its sines."""
+        return torch.cat([points, sine_features(points, self.octaves)], dim=-1)
+
+    def at(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        features = torch.cat([points, sine_features(points, self.octaves)], dim=-1)
-        condition = torch.cat([latent, cuboid, sine_features(cuboid, self.octaves)], dim=-1)
-        return self.backbone(features, condition)
+        return self.backbone(features, condition, products)
 
 
-class LocalCageDecoder(nn.Module):
+class LocalCageDecoder(Decoder):
     """The same, given the point in its cuboid's unit frame too; sine features are of those coordinates."""
 
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
@@ -46,19 +78,27 @@ class LocalCageDecoder(nn.Module):
         self.octaves = octaves
         self.backbone = FilmBackbone(6 + 6 * octaves, latent_dim + CUBOID, width, layers, mapping)
 
-    def forward(
-        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """Scales and shifts of the layers."""
+        return self.backbone.mapping(torch.cat([latent, cuboid], dim=-1))
+
+    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
+        """The point, and in the cuboid's unit frame once more, with sines."""
+        unit = to_unit(points, cuboid)
+        return torch.cat([points, unit, sine_features(unit, self.octaves)], dim=-1)
+
+    def at(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        unit = to_unit(points, cuboid)
-        features = torch.cat([points, unit, sine_features(unit, self.octaves)], dim=-1)
-        return self.backbone(features, torch.cat([latent, cuboid], dim=-1))
+        return self.backbone(features, condition, products)
 
 
-class DeepSdfDecoder(nn.Module):
-    """The baseline (Park et al. 2019): [latent, point] into a plain ReLU network, and again halfway.
+class DeepSdfDecoder(Decoder):
+    """The baseline (Park et al. 2019): [point, latent] into a plain ReLU network, and again halfway.
 
-    Their weight normalisation, dropout and final tanh are left out, as in the other decoders.
+    What a latent adds to a layer is the same for all points of its group: a shift. Their weight
+    normalisation, dropout and final tanh are left out, as in the other decoders.
     """
 
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
@@ -70,16 +110,27 @@ class DeepSdfDecoder(nn.Module):
         self.hidden = nn.ModuleList([nn.Linear(size, width) for size in into])
         self.out = nn.Linear(width, 1)
 
-    def forward(
-        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """Shifts of the layers; the cuboid plays no part."""
+        shifts = [layer.get_parameter("bias").expand(len(latent), -1) for layer in self.hidden]
+        for i in {0, self.again}:
+            shifts[i] = shifts[i] + latent @ self.hidden[i].get_parameter("weight")[:, -latent.shape[1] :].T
+        return torch.stack(shifts, dim=1)
+
+    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
+        """The point and its sines; the cuboid plays no part."""
+        return torch.cat([points, sine_features(points, self.octaves)], dim=-1)
+
+    def at(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
     ) -> Float[Tensor, "g n"]:
-        """Signed distance of each point; the cuboid plays no part."""
-        shared = latent[:, None].expand(-1, points.shape[1], -1)
-        inputs = torch.cat([points, sine_features(points, self.octaves), shared], dim=-1)
-        hidden = inputs
-        for i, layer in enumerate(self.hidden):
-            hidden = torch.relu(layer(torch.cat([hidden, inputs], dim=-1) if 0 < i == self.again else hidden))
-        return self.out(hidden)[..., 0]
+        """Signed distance of each point."""
+        width, own = self.out.in_features, features.shape[-1]
+        weights = [
+            layer.get_parameter("weight")[:, : own if i == 0 else width + own if i == self.again else width]
+            for i, layer in enumerate(self.hidden)
+        ]
+        return self.out(modulated(features, None, condition, self.again, weights, products))[..., 0]
 
 
 def to_unit(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n 3"]:

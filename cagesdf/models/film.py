@@ -4,12 +4,14 @@ All points of a group share one latent and one cuboid, so scales and shifts are 
 for a group, never for a point.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 
 
 class MappingNetwork(nn.Module):
@@ -46,11 +48,111 @@ class FilmBackbone(nn.Module):
         self.hidden = nn.ModuleList([nn.Linear(size, width, bias=False) for size in into])  # the shifts are the biases
         self.out = nn.Linear(width, 1)
 
-    def forward(self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g c"]) -> Float[Tensor, "g n"]:
-        """One number a point."""
-        film = self.mapping(condition)[:, :, :, None]
-        hidden = features
-        for i, layer in enumerate(self.hidden):
-            inputs = torch.cat([hidden, features], dim=-1) if 0 < i == self.again else hidden
-            hidden = torch.relu(layer(inputs) * (1 + film[:, i, 0]) + film[:, i, 1])
-        return self.out(hidden)[..., 0]
+    def forward(
+        self, features: Float[Tensor, "g n i"], film: Float[Tensor, "g l 2 h"], products: torch.dtype
+    ) -> Float[Tensor, "g n"]:
+        """One number a point; `film` is what `mapping` gives for the groups, `products` as in `modulated`."""
+        weights = [layer.get_parameter("weight") for layer in self.hidden]
+        return self.out(modulated(features, 1 + film[:, :, 0], film[:, :, 1], self.again, weights, products))[..., 0]
+
+
+def modulated(
+    features: Float[Tensor, "g n i"],
+    scales: Float[Tensor, "g l h"] | None,
+    shifts: Float[Tensor, "g l h"],
+    again: int,
+    weights: Sequence[Tensor],
+    products: torch.dtype,
+) -> Float[Tensor, "g n h"]:
+    """The last of the layers h = relu(scale ∘ (W x) + shift); `features` enter once more before layer `again`.
+
+    `scales` None stands for ones. Matrices are multiplied, and kept, in the number format `products`;
+    what comes out is of the features'. The gradient is written by hand: a quarter of autograd's
+    operations, and less to keep for it.
+    """
+    if torch.is_grad_enabled():
+        return _Modulated.apply(features, scales, shifts, again, products, *weights)
+    for _, _, hidden in _layers(*_cast(features, scales, shifts, products, weights), again):
+        last = hidden
+    return last.to(features.dtype)
+
+
+class _Modulated(torch.autograd.Function):
+    """`modulated` and its gradient."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        features: Tensor,
+        scales: Tensor | None,
+        shifts: Tensor,
+        again: int,
+        dtype: torch.dtype,
+        *weights: Tensor,
+    ) -> Tensor:
+        kind = features.dtype
+        features, scales, shifts, cast = _cast(features, scales, shifts, dtype, weights)
+        inputs, products, outputs = zip(*_layers(features, scales, shifts, cast, again), strict=True)
+        ctx.again = again
+        # What a layer is given is what the one before gave, but where features enter.
+        ctx.save_for_backward(
+            scales, inputs[0], inputs[again], *(products if scales is not None else ()), *outputs, *cast
+        )
+        return outputs[-1].to(kind)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        (gradient,) = gradients
+        scales, features, joined, *rest = ctx.saved_tensors
+        count = len(ctx.needs_input_grad) - 5
+        outputs, weights = rest[-2 * count : -count], rest[-count:]
+        gradient = gradient.to(features.dtype)
+        inputs = [features, *outputs[:-1]]
+        inputs[ctx.again] = joined
+        width = gradient.shape[-1]
+        to_scales, to_shifts, to_weights = [], [], []
+        to_features = torch.zeros_like(features) if ctx.needs_input_grad[0] else None
+        for i in reversed(range(count)):
+            gradient = torch.ops.aten.threshold_backward(gradient, outputs[i], 0)
+            to_shifts.append(gradient.sum(dim=1))
+            if scales is not None:
+                to_scales.append((gradient * rest[i]).sum(dim=1))
+                gradient = gradient * scales[:, i, None]
+            if ctx.needs_input_grad[5 + i]:
+                to_weights.append(gradient.flatten(0, 1).T @ inputs[i].flatten(0, 1))
+            else:
+                to_weights.append(None)
+            if to_features is not None and i in (0, ctx.again):
+                to_features += gradient @ (weights[i][:, width:] if i else weights[i])
+            if i:
+                gradient = gradient @ weights[i][:, :width]
+        return (
+            to_features,
+            torch.stack(to_scales[::-1], dim=1) if scales is not None else None,
+            torch.stack(to_shifts[::-1], dim=1),
+            None,
+            None,
+            *to_weights[::-1],
+        )
+
+
+def _cast(
+    features: Tensor, scales: Tensor | None, shifts: Tensor, dtype: torch.dtype, weights: Sequence[Tensor]
+) -> tuple[Tensor, Tensor | None, Tensor, list[Tensor]]:
+    scales = None if scales is None else scales.to(dtype)
+    return features.to(dtype), scales, shifts.to(dtype), [weight.to(dtype) for weight in weights]
+
+
+def _layers(
+    features: Tensor, scales: Tensor | None, shifts: Tensor, weights: Sequence[Tensor], again: int
+) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """What each layer is given, that times its weights, and what it gives."""
+    hidden = features
+    for i, weight in enumerate(weights):
+        inputs = torch.cat([hidden, features], dim=-1) if 0 < i == again else hidden
+        product = inputs @ weight.T
+        shift = shifts[:, i, None]
+        moved = product + shift if scales is None else torch.addcmul(shift, product, scales[:, i, None])
+        hidden = moved.relu_()
+        yield inputs, product, hidden

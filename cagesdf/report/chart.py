@@ -1,4 +1,4 @@
-"""Loss curves as inline SVG, coloured by the page's style sheet."""
+"""Curves as inline SVG, coloured by the page's style sheet."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,15 +8,15 @@ WIDTH, HEIGHT = 760, 300
 LEFT, RIGHT, TOP, BOTTOM = 62, 168, 12, 34  # margins: axis, labels of the curves, none, axis
 LABEL_GAP = 17  # between the labels of curves that end at nearly the same height
 
-DRAWABLE = (1e-30, 1e30)  # losses
+DRAWABLE = (1e-30, 1e30)  # heights
 
-Curve = Sequence[tuple[int, float]]  # (step, loss)
+Curve = Sequence[tuple[int | float, float]]  # (step, loss), (seconds, distance)
 
 
-def loss_chart(curves: Mapping[str, Curve]) -> str:
-    """An SVG element with one curve a name, its loss on a logarithmic axis.
+def log_chart(curves: Mapping[str, Curve], label: str) -> str:
+    """An SVG element with one curve a name, its height on a logarithmic axis; `label` says what is drawn.
 
-    Losses that aren't between DRAWABLE are left out: zero, negative, diverged. No curve gives an
+    Heights that aren't between DRAWABLE are left out: zero, negative, diverged. No curve gives an
     empty text.
     """
     drawable = {name: [(x, y) for x, y in curve if DRAWABLE[0] < y < DRAWABLE[1]] for name, curve in curves.items()}
@@ -24,30 +24,30 @@ def loss_chart(curves: Mapping[str, Curve]) -> str:
     if not drawable:
         return ""
     last = max(x for curve in drawable.values() for x, _ in curve) or 1
-    losses = [math.log10(y) for curve in drawable.values() for _, y in curve]
-    ticks = _decades(min(losses), max(losses))
-    low, high = min(math.log10(ticks[0]), *losses), max(math.log10(ticks[-1]), *losses)
+    heights = [math.log10(y) for curve in drawable.values() for _, y in curve]
+    ticks = _decades(min(heights), max(heights))
+    low, high = min(math.log10(ticks[0]), *heights), max(math.log10(ticks[-1]), *heights)
 
     def place(x: int | float, y: float) -> tuple[float, float]:
         share = (math.log10(y) - low) / max(high - low, 1e-9)
         return LEFT + (WIDTH - LEFT - RIGHT) * x / last, HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * share
 
-    parts = [f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="loss by training step">']
+    parts = [f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(label)}">']
     for tick in ticks:
         _, y = place(0, tick)
         parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text class="tick" x="{LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
     for i in range(5):
         x, y = place(last * i / 4, 10**low)
-        parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 20:.1f}" text-anchor="middle">{last * i / 4:g}</text>')
+        parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 20:.1f}" text-anchor="middle">{last * i / 4:.4g}</text>')
     ends = {name: place(*curve[-1]) for name, curve in drawable.items()}
-    heights = _apart({name: end[1] for name, end in ends.items()})
+    labels = _apart({name: end[1] for name, end in ends.items()})
     for i, (name, curve) in enumerate(drawable.items()):
         line = " ".join(f"{x:.1f},{y:.1f}" for x, y in (place(*point) for point in curve))
         x, y = ends[name]
         parts.append(f'<g class="series s{i % 8}"><polyline points="{line}"/>')
-        parts.append(f'<path class="lead" d="M{x:.1f},{y:.1f} L{x + 12:.1f},{heights[name]:.1f}"/>')
-        parts.append(f'<text x="{x + 16:.1f}" y="{heights[name] + 4:.1f}">{escape(name)}</text></g>')
+        parts.append(f'<path class="lead" d="M{x:.1f},{y:.1f} L{x + 12:.1f},{labels[name]:.1f}"/>')
+        parts.append(f'<text x="{x + 16:.1f}" y="{labels[name] + 4:.1f}">{escape(name)}</text></g>')
     return "".join([*parts, "</svg>"])
 
 

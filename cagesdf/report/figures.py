@@ -41,6 +41,58 @@ METRICS = (
     Metric("iou", "IoU", True, "volume of the intersection over volume of the union."),
     Metric("closed", "closed", True, "share of the surfaces without holes, consistently oriented."),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class EditColumn:
+    """One column of the table of edits."""
+
+    kind: str  # of trials
+    figure: str  # of theirs
+    statistic: str  # of the figure
+    title: str
+    higher: bool  # whether more is better
+    definition: str
+
+
+EDITS = (
+    EditColumn(
+        "swap", "gain", "median", "swap gain", True,
+        "cuboids of one shape, style of another, neither of which was trained on together: 1 − d(swap, truth) / "
+        "d(unchanged, truth), both on the detail of the parts whose style changed. The truth is built by the recipe. "
+        "Median over swaps; small: the quartiles.",
+    ),
+    EditColumn("swap", "gain", "positive", "gain > 0", True, "share of the swaps that come nearer to the truth."),
+    EditColumn("swap", "distance_detail", "median", "swap, %", False, "d(swap, truth), median, % of the longest side."),
+    EditColumn("rest", "distance", "mean", "rest, %", False, "distance to the true surface without any edit."),
+    EditColumn(
+        "local", "distance", "mean", "one cuboid, %", False,
+        "the same after one cuboid was resized or moved. The truth is the box-warp by construction.",
+    ),
+    EditColumn(
+        "beyond", "distance", "mean", "beyond, %", False,
+        "the same at t = −0.25 and 1.25 of deformation sequences. The truth is the box-warp by construction.",
+    ),
+    EditColumn(
+        "bent", "distance", "mean", "bent, %", False,
+        "the same where cuboids share vertices, so that no part's deformation is affine; the network is given the "
+        "cuboids refitted to the deformed parts.",
+    ),
+    EditColumn(
+        "all", "refit", "mean", "refit gap, %", False,
+        "share of a cuboid's length that its part's surface leaves free at an end which the true surface reaches. "
+        "An empty mesh overshoots nothing, but has 100 % here.",
+    ),
+    EditColumn("all", "overshoot", "max", "overshoot, %", False, "largest distance of a vertex outside all cuboids."),
+    EditColumn(
+        "local", "moved_mean", "mean", "locality, %", False,
+        "how far the surface of cuboids moved that touch the edited one neither before nor after; small: the farthest.",
+    ),
+    EditColumn(
+        "rest", "symmetry", "mean", "asymmetry, %", False,
+        "mean distance to the mirror image, of shapes whose cuboids are mirror images of each other.",
+    ),
+)  # fmt: skip
 NIL = 1e-9  # smaller figures are rounding errors
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 METRIC = {metric.key: metric for metric in METRICS}
@@ -58,6 +110,12 @@ REFERENCES = {
     "cage": "no network: the cuboids themselves",
     "ground_truth": "the true surface, sampled a second time: the noise floor",
 }
+EDIT_REFERENCES = {
+    "unchanged": "no network: the shape as it was before the edit",
+    "box_warp": "no network: the parts of the style deformed into the cuboids; of sequences this is the truth itself",
+    "ground_truth": "the true surface",
+}
+NOT_EDITED = "has no cuboids: an edit leaves its shape as it was, at a gain of 0"
 
 # Chamfer distances of the paper: Table 1 by category, Table 2 over all.
 PAPER_RECONSTRUCTION = {
@@ -87,7 +145,7 @@ class Row:
 
 def in_order(arms: Iterable[str]) -> list[str]:
     """Arms as they are shown: known ones first, references left out."""
-    names = set(arms) - set(REFERENCES)
+    names = set(arms) - set(REFERENCES) - set(EDIT_REFERENCES)
     return [name for name in ARMS if name in names] + sorted(names - set(ARMS))
 
 
@@ -114,6 +172,45 @@ def rows(table: Table, arms: Iterable[str], columns: Iterable[tuple[str, str]], 
         for arm, line in values.items()
         if any(line)
     ]
+
+
+def edit_columns(arms: Mapping[str, Any]) -> list[EditColumn]:
+    """Columns of the table of edits that some arm has a figure for: own data has no swaps."""
+    return [column for column in EDITS if any(column.figure in kinds.get(column.kind, {}) for kinds in arms.values())]
+
+
+def edit_rows(arms: Mapping[str, Any], names: Iterable[str], ranked: bool) -> list[Row]:
+    """One row a name, one cell for each of `edit_columns`; arms without any figure say why."""
+    names, columns = [name for name in names if name in arms], edit_columns(arms)
+    values = {name: [arms[name].get(column.kind, {}).get(column.figure) for column in columns] for name in names}
+    best = []
+    for i, column in enumerate(columns):
+        found = [line[i][column.statistic] for line in values.values() if line[i]]
+        choose = max if column.higher else min
+        best.append(choose(found) if ranked and len(found) > 1 else None)
+    known = {**ARMS, **EDIT_REFERENCES}
+    return [
+        Row(
+            name,
+            known.get(name, "") if any(values[name]) else NOT_EDITED,
+            tuple(_edit_cell(item, column, top) for item, column, top in zip(values[name], columns, best)),
+        )
+        for name in names
+    ]
+
+
+def _edit_cell(item: Mapping[str, Any] | None, column: EditColumn, best: float | None) -> Cell:
+    if not item:
+        return Cell("–")
+    value = item[column.statistic]
+    if column.statistic == "positive":
+        return Cell(f"{value:.0%}", best=value == best)
+    spreads = {
+        "gain": lambda: f"{item['q25']:.2f} to {item['q75']:.2f}",
+        "moved_mean": lambda: f"at most {figure(item['max'], digits=2)}",
+    }
+    spread = spreads[column.figure]() if column.figure in spreads else ""
+    return Cell(figure(value), spread, value == best)
 
 
 def _cell(item: Mapping[str, Any] | None, metric: str, best: float | None) -> Cell:

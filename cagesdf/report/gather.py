@@ -10,11 +10,13 @@ from cagesdf.cuboid import Cage
 from cagesdf.cuboid import Sequence as Deformation
 from cagesdf.deformation import deform_shape
 from cagesdf.io.cuboids import read_bounding, read_cages
+from cagesdf.io.edits import read_edit_surface, read_edits
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import join
 from cagesdf.rendering import CLAY, PART_COLOURS, Scene
 from cagesdf.report.figures import in_order
@@ -24,7 +26,14 @@ from cagesdf.structure.assembly import Assembly
 
 
 def read_category(
-    shapes: Path, cuboids: Path, sequences: Path, meshes: Mapping[str, Path], runs: Mapping[str, Path], count: int
+    shapes: Path,
+    cuboids: Path,
+    sequences: Path,
+    trials: Path,
+    meshes: Mapping[str, Path],
+    runs: Mapping[str, Path],
+    edits: Mapping[str, Path],
+    count: int,
 ) -> Category:
     """Gather one category from its artefacts, those of the arms by arm; it is named like `shapes`' folder.
 
@@ -48,6 +57,7 @@ def read_category(
         deformation(source, deformations[_liveliest(deformations, arms)], arms)
         if deformations
         else Grid((), (), (), ()),
+        swaps(source, read_trials(trials), {arm: edits[arm] for arm in in_order(edits)}),
         {arm: read_losses(runs[arm]) for arm in in_order(runs)},
     )
 
@@ -102,6 +112,29 @@ def deformation(source: ShapeFolder, sequence: Deformation, arms: Mapping[str, S
             *(tuple(_reconstruction(arms[arm], shape.shape_id, step) for step in steps) for arm in shown),
         ),
     )
+
+
+def swaps(source: ShapeFolder, trials: TrialFolder, edits: Mapping[str, Path]) -> Grid:
+    """The swaps of median and of least gain of the first arm that has any: both shapes, each such arm, the truth."""
+    rows = {
+        arm: [row for row in read_edits(path / "edits.parquet")[0] if row["kind"] == "swap"]
+        for arm, path in edits.items()
+    }
+    arms = [arm for arm, some in rows.items() if some]
+    if not arms:
+        return Grid((), (), (), ())
+    ranked = sorted((row for row in rows[arms[0]] if not math.isnan(row["gain"])), key=lambda row: row["gain"])
+    scenes, names = [], []
+    for what, row in (("median", ranked[len(ranked) // 2]), ("least", ranked[0])):
+        shown = [
+            *(join([part.mesh for part in source.read(row[name]).parts]) for name in ("shape_id", "style_of")),
+            *(read_edit_surface(edits[arm], row["trial_id"]) for arm in arms),
+            trials.read(row["trial_id"]).truth,
+        ]
+        scenes.append(tuple(Scene((mesh,), (CLAY,)) for mesh in shown))
+        names.append(f"{what} gain, {row['gain']:.2f}: {row['shape_id']} in the style of {row['style_of']}")
+    columns = ("cuboids of", "style of", *arms, "ground truth")
+    return Grid(columns, (False,) * len(columns), tuple(names), tuple(scenes))
 
 
 def part_colours(shape: Shape) -> tuple[str, ...]:

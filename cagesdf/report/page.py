@@ -12,7 +12,7 @@ from PIL import Image as Pillow
 
 from cagesdf.rendering import Image, Scene, render_rows
 from cagesdf.report import figures
-from cagesdf.report.chart import Curve, loss_chart
+from cagesdf.report.chart import Curve, log_chart
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,7 @@ class Category:
     fitting: Grid  # (cuboids as given, fitted) × shapes
     comparison: Grid  # shapes × (cuboids, ground truth, arms)
     sequence: Grid  # (ground truth, arms) × steps of one deformation
+    swaps: Grid  # swaps × (cuboids of, style of, arms, ground truth)
     losses: Mapping[str, Curve]  # by arm
 
 
@@ -45,7 +46,11 @@ def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Categ
 
     Pictures are `size` pixels square. A missing category or arm leaves its place out.
     """
-    grids = [grid for category in categories for grid in (category.fitting, category.comparison, category.sequence)]
+    grids = [
+        grid
+        for category in categories
+        for grid in (category.fitting, category.comparison, category.sequence, category.swaps)
+    ]
     pictures, drawn_by = _draw(grids, size)
     filled = iter([_filled(grid, images) for grid, images in zip(grids, pictures)])
     names = [category.name for category in categories]
@@ -67,6 +72,7 @@ def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Categ
         ],
         paper_held_out=[(name, figures.figure(value)) for name, value in figures.PAPER_HELD_OUT.items()],
         metrics=figures.METRICS,
+        edits_columns=figures.EDITS,
         sections=[
             {
                 "category": category,
@@ -74,7 +80,12 @@ def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Categ
                 "fitting": next(filled),
                 "comparison": next(filled),
                 "sequence": next(filled),
-                "chart": loss_chart({arm: category.losses[arm] for arm in figures.in_order(category.losses)}),
+                "swaps": next(filled),
+                "edits": _edits(tables["edits"]["categories"].get(category.name, {})),
+                "chart": log_chart(
+                    {arm: category.losses[arm] for arm in figures.in_order(category.losses)}, "loss by training step"
+                ),
+                "progress": _progress(tables["progress"]["categories"].get(category.name, {})),
             }
             for category in categories
         ],
@@ -106,6 +117,22 @@ def _details(table: figures.Table, name: str) -> dict[str, Any]:
         "references": figures.rows(table, figures.REFERENCES, columns, ranked=False),
         "count": max((figure["n"] for line in arms.values() for figure in line.values()), default=0),
     }
+
+
+def _edits(arms: Mapping[str, Any]) -> dict[str, Any]:
+    """The table of one category's edits."""
+    return {
+        "columns": figures.edit_columns(arms),
+        "arms": figures.edit_rows(arms, figures.in_order(arms), ranked=True),
+        "references": figures.edit_rows(arms, figures.EDIT_REFERENCES, ranked=False),
+    }
+
+
+def _progress(arms: Mapping[str, Any]) -> dict[str, Any]:
+    """The curves of one category's trainings, and the arms that have no held-out steps."""
+    curves = {arm: [(row["seconds"], row["surface_distance"]) for row in arms[arm]] for arm in figures.in_order(arms)}
+    rest = [arm for arm in curves if not all(row["held_out"] for row in arms[arm])]
+    return {"chart": log_chart(curves, "surface distance by seconds of training"), "rest": rest}
 
 
 def _draw(grids: Sequence[Grid], size: int) -> tuple[list[list[Image]], str]:

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -40,6 +41,7 @@ class Assembly(Structure):
 
     program: AssemblyProgram
     placement: Similarity  # program → canonical; the shape's raw frame until it is imported
+    names: Mapping[str, str] = field(default_factory=dict)  # semantic, by part id, of those that have one
 
     def cage(self) -> Cage:
         """The leaves' cuboids, canonical. Raises ProgramError if the program doesn't execute."""
@@ -47,7 +49,15 @@ class Assembly(Structure):
 
     def with_program(self, program: AssemblyProgram) -> "Assembly":
         """Another program in the same place."""
-        return Assembly(program, self.placement)
+        return replace(self, program=program)
+
+    def labelled(self, names: Mapping[str, str]) -> "Assembly":
+        """The same program, its parts called by what they are."""
+        return replace(self, names={part: name for part, name in names.items() if name})
+
+    def labels(self) -> dict[str, str]:
+        """By part id; the language has no place for them."""
+        return {part: self.names.get(part, "") for part in self.parts()}
 
     def parameters_of(self, other: "Assembly", pairs: tuple[tuple[str, str], ...]) -> Float[ndarray, " t"]:
         """Another program's continuous parameters, in the order of this one's.
@@ -72,7 +82,7 @@ class Assembly(Structure):
 
     def transformed(self, similarity: Similarity) -> "Assembly":
         """The same program, placed elsewhere."""
-        return Assembly(self.program, self.placement.then(similarity))
+        return replace(self, placement=self.placement.then(similarity))
 
     @cached_property
     def _nodes(self) -> dict[str, tuple[Block, tuple[Member, ...]]]:
@@ -122,8 +132,10 @@ class Assembly(Structure):
         return node_signatures(self.program, ROOT)
 
     def to_json(self) -> str:
-        """Program and placement on one line."""
-        content = {"program": str(self.program), "placement": self.placement.to_numbers()}
+        """Program, placement and labels, where it has any, on one line."""
+        content: dict[str, Any] = {"program": str(self.program), "placement": self.placement.to_numbers()}
+        if self.names:
+            content["labels"] = dict(self.names)
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
     @staticmethod
@@ -131,8 +143,9 @@ class Assembly(Structure):
         """Undo `to_json`. Raises InputError for anything else."""
         try:
             content = json.loads(text)
-            return Assembly(parse(content["program"]), Similarity.from_numbers(content["placement"]))
-        except (KeyError, TypeError, IndexError, json.JSONDecodeError) as error:
+            names = {str(part): str(name) for part, name in content.get("labels", {}).items()}
+            return Assembly(parse(content["program"]), Similarity.from_numbers(content["placement"]), names)
+        except (KeyError, TypeError, IndexError, AttributeError, json.JSONDecodeError) as error:
             raise InputError(f"structure: wanted a program and its placement, got {text[:60]} ({error!r})") from error
 
 

@@ -15,6 +15,10 @@ class Structure(ABC):
         """Ids of the parts that have a mesh and a cuboid, in a fixed order."""
 
     @abstractmethod
+    def labels(self) -> dict[str, str]:
+        """Semantic names by part id, "" where none is known; several parts may share one."""
+
+    @abstractmethod
     def children(self, node: str) -> tuple[str, ...]:
         """Ids of a node's children, empty for a part. The root is `root()`."""
 
@@ -33,6 +37,10 @@ class Structure(ABC):
     def placed_program(self) -> tuple[AssemblyProgram, Similarity] | None:
         """The program that its cuboids follow from, and program → canonical; None where they are free of each other."""
         return None
+
+    def with_program(self, program: AssemblyProgram) -> "Structure":
+        """The structure with another program in the same place. Raises ValueError where there is none."""
+        raise ValueError(f"the cuboids of {type(self).__name__} are free of each other, there is no program")
 
     @abstractmethod
     def signatures(self) -> dict[str, str]:

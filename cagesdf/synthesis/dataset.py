@@ -1,14 +1,14 @@
 """Which shapes make up a procedural data set, and their meshes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cagesdf.cuboid import Cage
+from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.meshes import Mesh
 from cagesdf.shape import RawPart
 from cagesdf.synthesis.chairs import CHAIRS
-from cagesdf.synthesis.layout import Drawing, finish
+from cagesdf.synthesis.layout import Drawing, Style, finish
 from cagesdf.synthesis.programs import Assembled
 from cagesdf.synthesis.recipe import Category, Recipe
 from cagesdf.synthesis.tables import TABLES
@@ -100,12 +100,21 @@ def build(cage: Recipe, style: Recipe) -> list[RawPart]:
             f"cuboids of {cage.shape_id} ({cage.category} {cage.family}) can't take the style of {style.shape_id} "
             f"({style.category} {style.family}); wanted recipes of one family"
         )
-    drawing = draw(cage)
-    labels, cuboids = drawing.structure.labels(), drawing.structure.cuboids()
+    return fill_cuboids(cage, style.style, draw(cage).structure.cuboids())
+
+
+def fill_cuboids(recipe: Recipe, style: Style, cuboids: Mapping[str, Cuboid]) -> list[RawPart]:
+    """The parts of a recipe's structure in a style, each filling a cuboid of its own, raw frame.
+
+    `cuboids` are by part id, their axes as the recipe's surfaces are made: see `cage_of`. What a
+    surface takes from the recipe's proportions besides its size (a body's mouth, say) is the recipe's.
+    """
+    drawing = draw(recipe)
+    labels = drawing.structure.labels()
     parts = []
     for part_id, surface in drawing.surfaces.items():
         cuboid = cuboids[part_id]
-        mesh = surface(cuboid.size, style.style)
+        mesh = surface(cuboid.size, style)
         placed = Mesh(mesh.vertices @ cuboid.axes + cuboid.centre, mesh.faces)
         parts.append(RawPart(part_id, labels[part_id], placed))
     return parts

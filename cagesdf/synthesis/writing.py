@@ -58,6 +58,12 @@ def write_splits(folder: Path, recipes: Sequence[Recipe]) -> None:
         _write_text(folder / f"{split}.txt", "".join(lines))
 
 
+def read_recipes(folder: Path) -> dict[str, Recipe]:
+    """The recipes of a category's `folder` by shape id; none if its shapes come from elsewhere."""
+    files = sorted(folder.glob("*/recipe.json"))
+    return {file.parent.name: Recipe.from_json(file.read_text(encoding="utf-8")) for file in files}
+
+
 def with_defect(mesh: Mesh, defect: str, rng: np.random.Generator) -> Mesh:
     """The mesh as it is often found: one of DEFECTS. Raises ValueError for another name."""
     faces = mesh.faces

@@ -31,6 +31,10 @@ class Batch:
         """The groups at these positions."""
         return Batch(*(getattr(self, name)[groups] for name in self.__dataclass_fields__))
 
+    def part(self, groups: slice) -> "Batch":
+        """A run of the groups; no copy."""
+        return Batch(*(getattr(self, name)[groups] for name in self.__dataclass_fields__))
+
     def to(self, device: torch.device | str) -> "Batch":
         """The same batch on another device."""
         return Batch(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))

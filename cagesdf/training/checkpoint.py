@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import safetensors
-from safetensors.torch import save
+from safetensors.torch import load_file, save
 from torch import Tensor
 
 from cagesdf.errors import InputError
 
 KEY = "cagesdf"
 VERSION = 1
+SNAPSHOT = ".snapshot.safetensors"
 
 
 class Checkpoint:
@@ -32,14 +33,25 @@ class Checkpoint:
 
     def save(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
         """Replace what was saved before. A process killed at any moment leaves the old file or the new."""
+        self._write(self.path, tensors, {KEY: json.dumps({"version": VERSION, **facts}, sort_keys=True)})
+
+    def keep(self, steps: int, tensors: Mapping[str, Tensor]) -> None:
+        """Put aside what was trained after so many steps."""
+        self._write(self.folder / f"{steps:08d}{SNAPSHOT}", tensors, {})
+
+    def kept(self) -> dict[int, dict[str, Tensor]]:
+        """What was put aside, by steps."""
+        paths = sorted(self.folder.glob("*" + SNAPSHOT))
+        return {int(path.name.removesuffix(SNAPSHOT)): load_file(path) for path in paths}
+
+    def _write(self, path: Path, tensors: Mapping[str, Tensor], facts: dict[str, str]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        partial = self.path.with_suffix(".partial")
-        text = json.dumps({"version": VERSION, **facts}, sort_keys=True)
+        partial = path.with_suffix(".partial")
         with partial.open("wb") as file:
-            file.write(save({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, {KEY: text}))
+            file.write(save({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, facts))
             file.flush()
             os.fsync(file.fileno())
-        os.replace(partial, self.path)
+        os.replace(partial, path)
 
     def load(self) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
         """What was last saved, on the CPU; None if nothing was. Raises InputError for a file that isn't one of ours."""
@@ -54,6 +66,11 @@ class Checkpoint:
         if facts.pop("version", None) != VERSION:
             raise InputError(f"{self.path}: is a checkpoint of another version, wanted {VERSION}; delete it")
         return tensors, facts
+
+    def step(self) -> int | None:
+        """After how many steps the last save was; None if there is none. Raises InputError as `load` does."""
+        saved = self.load()
+        return None if saved is None else int(saved[1]["step"])
 
     def remove(self) -> None:
         """Delete the folder, if there is one."""

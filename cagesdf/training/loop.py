@@ -6,13 +6,18 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from cagesdf.errors import InputError
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batches
 from cagesdf.training.checkpoint import Checkpoint
-from cagesdf.training.losses import latent_penalty, shape_l1
+from cagesdf.training.distributed import ALONE, Ranks
+from cagesdf.training.gradients import Gradients, slice_threads
+from cagesdf.training.losses import latent_penalty
+
+DIVERGED = 10  # times the loss of the log's first row; learning only lowers it
 
 
 @dataclass(frozen=True)
@@ -29,52 +34,73 @@ class TrainSettings:
     precision: Literal["float32", "bfloat16"]  # of matrix products; weights and losses are float32
     log_every: int  # steps
     checkpoint_every: int  # steps
+    snapshots: tuple[int, ...]  # steps after which the checkpoint keeps weights and latents; the last is not among them
 
 
 def train(
-    decoder: nn.Module,
+    decoder: Decoder,
     latents: LatentTable,
     batches: Batches,
     settings: TrainSettings,
     checkpoint: Checkpoint,
     report: Callable[[int, float], None],
+    ranks: Ranks = ALONE,
 ) -> list[dict[str, int | float]]:
     """Train in place, from where `checkpoint` stopped if it did; returns the log.
 
-    A resumed training ends with the same bits as one that was never stopped. The log's rows hold
+    Several `ranks` call this alike, each with the whole of every batch, of which it takes its share;
+    the first one's checkpoint is read and written, and all end with the same bits. A resumed training
+    ends with the same bits as one that was never stopped. The log's rows hold
     the means since the row before: step, loss, l1 (both canonical units) and the latents'
     root-mean-square norm. `report` is called with (steps done, loss) at each row, and first
     with where it starts from.
 
-    Raises InputError when the loss is no longer finite.
+    Raises InputError when the loss is no longer finite, or has grown tenfold; what was saved before stays.
     """
     device = latents.values.device
     optimiser = torch.optim.Adam([{"params": list(decoder.parameters())}, {"params": [latents.values]}], fused=True)
+    rates = (settings.learning_rate, settings.latent_learning_rate)
     sums = torch.zeros(2, device=device)
     log: list[dict[str, int | float]] = []
-    start = _resume(decoder, latents, optimiser, sums, log, checkpoint)
+    start = _resume(decoder, latents, optimiser, sums, log, ranks.told(checkpoint.load() if ranks.first else None))
     report(start, log[-1]["loss"] if log else math.nan)
-    for step in range(start, settings.steps):
-        rates = (settings.learning_rate, settings.latent_learning_rate)
-        for group, learning_rate in zip(optimiser.param_groups, rates):
-            group["lr"] = learning_rate * rate(step, settings)
-        batch = batches.at(step).to(device)
-        with torch.autocast(device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
-            predicted = decoder(batch.points, latents(batch.latent), batch.cuboid)
-        l1 = shape_l1(predicted.float(), batch.sdf, batch.weight, settings.clamp)
-        loss = l1 + settings.latent_weight * latent_penalty(latents.values)
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        optimiser.step()
-        sums += torch.stack([loss, l1]).detach()
-        done = step + 1
-        if done % settings.log_every == 0 or done == settings.steps:
-            log.append(_row(done, sums, done - (int(log[-1]["step"]) if log else 0), latents))
-            sums.zero_()
-            report(done, log[-1]["loss"])
-        if done % settings.checkpoint_every == 0 and done < settings.steps:
-            _save(decoder, latents, optimiser, sums, log, done, checkpoint)
+    with slice_threads() as (pool, threads):
+        gradients = Gradients(decoder, latents, settings.clamp, settings.precision, pool, threads)
+        for step in range(start, settings.steps):
+            for group, learning_rate in zip(optimiser.param_groups, rates):
+                group["lr"] = learning_rate * rate(step, settings)
+            optimiser.zero_grad(set_to_none=True)
+            batch = batches.at(step)
+            mine = ranks.share(len(batch.weight))
+            own = batch.part(slice(mine.start, mine.stop)).to(device)
+            l1 = gradients.add(own, len(mine) / len(batch.weight))
+            _add_ranks(decoder, latents, l1, ranks)
+            penalty = settings.latent_weight * latent_penalty(latents.values)
+            penalty.backward()  # after the sum over ranks: each would add it
+            optimiser.step()
+            sums += torch.stack([l1 + penalty.detach(), l1])
+            done = step + 1
+            if done % settings.log_every == 0 or done == settings.steps:
+                log.append(_row(done, sums, log, latents, checkpoint))
+                sums.zero_()
+                report(done, log[-1]["loss"])
+            if done in settings.snapshots and done < settings.steps and ranks.first:
+                checkpoint.keep(done, dict(_parameters(decoder, latents)))
+            if done % settings.checkpoint_every == 0 and done < settings.steps:
+                tensors = _state(decoder, latents, optimiser, sums, done, checkpoint)
+                if ranks.first:
+                    checkpoint.save(tensors, {"step": done, "log": log})
     return log
+
+
+def _add_ranks(decoder: Decoder, latents: LatentTable, l1: Tensor, ranks: Ranks) -> None:
+    """Gradients and value of all ranks' shares together."""
+    if ranks.size > 1:
+        parameters = [parameter for _, parameter in _parameters(decoder, latents)]
+        for parameter in parameters:  # a rank without groups has none
+            if parameter.grad is None:
+                parameter.grad = torch.zeros_like(parameter)
+        ranks.add([*(parameter.grad for parameter in parameters), l1])
 
 
 def rate(step: int, settings: TrainSettings) -> float:
@@ -87,44 +113,55 @@ def rate(step: int, settings: TrainSettings) -> float:
     return 0.5 ** (step // settings.halve_every)
 
 
-def _row(step: int, sums: Tensor, steps: int, latents: LatentTable) -> dict[str, int | float]:
-    loss, l1 = (sums / steps).tolist()
+def _row(
+    step: int, sums: Tensor, log: list[dict[str, int | float]], latents: LatentTable, checkpoint: Checkpoint
+) -> dict[str, int | float]:
+    since = int(log[-1]["step"]) if log else 0
+    loss, l1 = (sums / (step - since)).tolist()
     norm = float(latent_penalty(latents.values.detach()).sqrt())
-    if not all(map(math.isfinite, (loss, l1, norm))):
+    if not all(map(math.isfinite, (loss, l1, norm))) or (log and loss > DIVERGED * log[0]["loss"]):
         raise InputError(
-            f"the loss became {loss} in steps {step - steps} to {step}; "
-            "lower learning_rate or latent_learning_rate, and see that the points are finite"
+            f"the loss became {loss:.3g} in steps {since} to {step}; "
+            "lower learning_rate or latent_learning_rate, and see that the points are finite; " + _last_good(checkpoint)
         )
     return {"step": step, "loss": loss, "l1": l1, "latent_norm": norm}
 
 
-def _save(
-    decoder: nn.Module,
+def _state(
+    decoder: Decoder,
     latents: LatentTable,
     optimiser: torch.optim.Optimizer,
     sums: Tensor,
-    log: list[dict[str, int | float]],
     step: int,
     checkpoint: Checkpoint,
-) -> None:
+) -> dict[str, Tensor]:
+    """All tensors that the rest of the training depends on. Raises InputError if one is not finite."""
     tensors = {"sums": sums}
     for name, parameter in _parameters(decoder, latents):
-        if not torch.isfinite(parameter).all():
-            raise InputError(f"{name} is no longer finite at step {step}; lower learning_rate")
         tensors[name] = parameter
         tensors |= {f"adam.{key}.{name}": value for key, value in optimiser.state[parameter].items()}
-    checkpoint.save(tensors, {"step": step, "log": log})
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise InputError(
+                f"{name} is no longer finite at step {step}; lower learning_rate or latent_learning_rate; "
+                + _last_good(checkpoint)
+            )
+    return tensors
+
+
+def _last_good(checkpoint: Checkpoint) -> str:
+    step = checkpoint.step()
+    return "no checkpoint was saved before" if step is None else f"step {step} is kept in {checkpoint.path}"
 
 
 def _resume(
-    decoder: nn.Module,
+    decoder: Decoder,
     latents: LatentTable,
     optimiser: torch.optim.Optimizer,
     sums: Tensor,
     log: list[dict[str, int | float]],
-    checkpoint: Checkpoint,
+    saved: tuple[dict[str, Tensor], dict[str, Any]] | None,
 ) -> int:
-    saved = checkpoint.load()
     if saved is None:
         return 0
     tensors, facts = saved
@@ -139,6 +176,6 @@ def _resume(
     return int(facts["step"])
 
 
-def _parameters(decoder: nn.Module, latents: LatentTable) -> list[tuple[str, Any]]:
+def _parameters(decoder: Decoder, latents: LatentTable) -> list[tuple[str, Any]]:
     named = [(f"decoder.{name}", parameter) for name, parameter in decoder.named_parameters()]
     return [*named, ("latents", latents.values)]

@@ -1,0 +1,131 @@
+"""How well shapes that were not trained on are fitted, against those that were.
+
+    python benchmarks/fit_codes.py [chair table vase] [--runs data/runs] [--arm cagesdf] [--source FOLDER]
+
+prints a Markdown table: a row a category for its validation shapes, and with `--source` for the shapes in a folder, by
+the network of the first category. Training shapes are measured at rest, as many as there are validation shapes,
+with their own codes and cages. How `cagesdf fit` works was tried on the first half of the validation shapes; the
+figures are of the second half. Distances are percentages of the longest side at 128 cells; seconds are processor time
+of a shape on one core, from its files to its measured surface. `data/` is that of `make repro`.
+"""
+
+import argparse
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from statistics import mean, median
+from typing import Any
+
+import child
+import numpy as np
+
+from cagesdf import inference
+from cagesdf.cli.fitting import MEASURE, settings_of
+from cagesdf.cli.shapes import IMPORT
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.extraction import OUTSIDES, CageField, extract
+from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
+from cagesdf.importing import import_shape
+from cagesdf.io.residuals import read_residuals
+from cagesdf.io.runs import Run, read_run
+from cagesdf.io.shapes import read_shapes
+
+RESOLUTION = 128
+HEAD = (
+    "| shapes | n | trained: mean, median | one code: mean | fitted: mean, median | ratio of means, medians | "
+    "≤ 1.5 × | far | seconds |\n|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def trained_distances(run: Run, category: str, count: int) -> list[float]:
+    """surface_distance of `count` training shapes."""
+    shapes = read_shapes(Path("data/shapes") / category)
+    ids = np.random.default_rng(0).permutation(sorted(run.sequences))[:count].tolist()
+    found = []
+    for shape_id in ids:
+        sequence = run.sequences[shape_id]
+        field = CageField(run.decoder, run.latent(shape_id, 0), sequence.cages[0], OUTSIDES["union"])
+        truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"])
+        sizes = MEASURE["points"], MEASURE["volume_points"]
+        surface = Measured(extract(field, RESOLUTION).mesh)
+        found.append(score(surface, truth, *sizes, np.random.default_rng(0))["surface_distance"])
+    return found
+
+
+def fitted(run: Run, known: inference.Known, source: ShapeSource) -> dict[str, Any]:
+    """What `cagesdf fit` reports of one shape, the distance with one code alone, and seconds."""
+    start = time.process_time()
+    settings = settings_of()
+    rng = np.random.default_rng(0)
+    prepared = inference.prepare(run, import_shape(read_shape(source), **IMPORT), settings, rng)
+    fit = inference.fit_code(run, known, prepared, settings.inference, 0)
+    surface = inference.fitted_surface(run, fit, RESOLUTION)
+    told = inference.report(fit, surface, inference.measure(fit, surface.mesh, **MEASURE, rng=rng))
+    seconds = time.process_time() - start
+    alone = CageField(run.decoder, fit.inferred.code, prepared.fitted.cage, OUTSIDES["union"])
+    measured = inference.measure(fit, extract(alone, RESOLUTION).mesh, **MEASURE, rng=rng)
+    return {**told, "one_code": measured["surface_distance"], "seconds": seconds}
+
+
+def all_fitted(run: Run, known: inference.Known, sources: Iterable[ShapeSource]) -> list[dict[str, Any]]:
+    """The reports of the shapes that can be used; a line each, on the way."""
+    found = []
+    for source in sources:
+        try:
+            found.append(fitted(run, known, source))
+        except (ShapeRejected, InputError) as error:
+            print(f"- {error}", flush=True)
+            continue
+        one = found[-1]
+        print(f"- {one['shape_id']}: {one['surface_distance']:.3f} %, {one['verdict']}", flush=True)
+    return found
+
+
+def row(name: str, trained: list[float], found: list[dict[str, Any]]) -> str:
+    """One line of the table."""
+    distances = [one["surface_distance"] for one in found]
+    cells = [
+        name,
+        str(len(found)),
+        f"{mean(trained):.3f}, {median(trained):.3f}",
+        f"{mean(one['one_code'] for one in found):.3f}",
+        f"{mean(distances):.3f}, {median(distances):.3f}",
+        f"{mean(distances) / mean(trained):.2f}, {median(distances) / median(trained):.2f}",
+        f"{sum(distance <= 1.5 * mean(trained) for distance in distances)} of {len(found)}",
+        f"{sum(one['far'] for one in found)} of {len(found)}",
+        f"{mean(one['seconds'] for one in found):.1f}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("categories", nargs="*", default=["chair", "table", "vase"])
+    parser.add_argument("--runs", type=Path, default=Path("data/runs"))
+    parser.add_argument("--arm", default="cagesdf")
+    parser.add_argument("--source", type=Path)
+    options = parser.parse_args()
+    child.to_one_core()
+    rows = []
+    for i, category in enumerate(options.categories):
+        folder = options.runs / category / options.arm
+        run = read_run(folder)
+        known = inference.Known.of(run, read_residuals(folder))
+        validation = [source for source in list_shapes(Path("data/raw") / category, "*") if source.split == "val"]
+        trained = trained_distances(run, category, len(validation))
+        found = all_fitted(run, known, validation[len(validation) // 2 :])
+        rows.append(row(f"{category}, validation", trained, found))
+        if i == 0 and options.source is not None:
+            rows.append(
+                row(
+                    f"{options.source.name}, by {category}",
+                    trained,
+                    all_fitted(run, known, find_shapes(options.source)),
+                )
+            )
+    print(f"\n{HEAD}\n" + "\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Points a second: a plain float32 DeepSDF loop, as anybody would write it, against the arms as they train here.
+
+python -m benchmarks.training chair [seconds]
+
+Of the default run's points. Same batches, width and depth; the loops take turns, step by step, so that a busy
+machine slows all alike, and the median step of each counts: processor time with one thread, the clock with
+two. Prints a Markdown table (docs/training.md).
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from cagesdf.io.points import CHUNK
+from cagesdf.io.sequences import read_sequences
+from cagesdf.models.arms import make_decoder
+from cagesdf.models.decoders import Decoder
+from cagesdf.models.latents import LatentTable
+from cagesdf.training.batches import Batch
+from cagesdf.training.gradients import Gradients, slice_threads
+from cagesdf.training.losses import latent_penalty
+from cagesdf.training.points import LoadedPoints
+from pipeline import TrainParams, item_rng, load
+
+WIDTHS = (128, 256, 512)
+CLOCKS = {1: time.process_time, 2: time.perf_counter}  # by threads: processor time where there is one
+
+
+class Plain(nn.Module):
+    """DeepSDF's network: latent and point in, ReLU layers, both again halfway."""
+
+    def __init__(self, width: int, layers: int, latent_dim: int) -> None:
+        super().__init__()
+        inputs = latent_dim + 3
+        self.again = layers // 2
+        self.hidden = nn.ModuleList(
+            nn.Linear(inputs if i == 0 else width + inputs if i == self.again else width, width) for i in range(layers)
+        )
+        self.out = nn.Linear(width, 1)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        hidden = inputs
+        for i, layer in enumerate(self.hidden):
+            hidden = torch.relu(layer(torch.cat([hidden, inputs], dim=1) if i == self.again else hidden))
+        return self.out(hidden)[:, 0]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One way to train."""
+
+    name: str
+    step: Callable[[Batch], None]
+
+
+def plain_loop(params: TrainParams, latents: LatentTable) -> Loop:
+    """Float32, a latent beside each point, torch's own gradient and Adam."""
+    network = Plain(params.width, params.layers, params.latent_dim)
+    optimiser = torch.optim.Adam([*network.parameters(), latents.values], lr=1e-4)
+
+    def step(batch: Batch) -> None:
+        rows = batch.latent.repeat_interleave(CHUNK)
+        predicted = network(torch.cat([latents(rows), batch.points.reshape(-1, 3)], dim=1))
+        loss = (predicted - batch.sdf.reshape(-1)).abs().mean() + 1e-4 * latent_penalty(latents.values)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+    return Loop("plain", step)
+
+
+def our_loop(name: str, params: TrainParams, latents: LatentTable, gradients: Callable[[Decoder], Gradients]) -> Loop:
+    """An arm's step, as in `cagesdf.training.loop`."""
+    sizes = params.model_dump(include={"width", "layers", "latent_dim", "mapping", "octaves"})
+    decoder = make_decoder(params.decoder, **sizes, seed=0)
+    optimiser = torch.optim.Adam([*decoder.parameters(), latents.values], lr=1e-4, fused=True)
+    of = gradients(decoder)
+
+    def step(batch: Batch) -> None:
+        optimiser.zero_grad(set_to_none=True)
+        of.add(batch, 1.0)
+        (1e-4 * latent_penalty(latents.values)).backward()
+        optimiser.step()
+
+    return Loop(name, step)
+
+
+def rates(loops: list[Loop], batches: list[Batch], seconds: float, clock: Callable[[], float]) -> dict[str, float]:
+    """Points a second of each: its median step, of as many as take all of them `seconds` together."""
+    for loop in loops:
+        for batch in batches[:5]:
+            loop.step(batch)
+    spent: dict[str, list[float]] = {loop.name: [] for loop in loops}
+    end = time.perf_counter() + seconds
+    turn = 0
+    while time.perf_counter() < end:
+        batch = batches[turn % len(batches)]
+        for loop in loops:
+            start = clock()
+            loop.step(batch)
+            spent[loop.name].append(clock() - start)
+        turn += 1
+    return {name: batches[0].sdf.numel() / median(times) for name, times in spent.items()}
+
+
+def main(category: str, seconds: float = 10) -> None:
+    """Print the table."""
+    params = {name: load(f"arms.{name}") for name in ("cagesdf", "cagesdf_global", "deepsdf")}
+    shared = params["cagesdf"]
+    sequences = read_sequences(Path(f"data/sequences/{category}"))
+    rng = item_rng(shared.seed, "benchmark")
+    data = LoadedPoints(
+        Path(f"data/points/{category}"), sequences, shared.steps_of, shared.points_of, shared.reach, rng
+    )
+    table = LatentTable.drawn(data.latent_keys("source"), shared.latent_dim, shared.latent_std, 0)
+    source = data.batches(table, shared.batch_chunks, 0)
+    batches = [source.at(step) for step in range(200)]
+    precision: Literal["float32", "bfloat16"] = shared.precision
+    print("| width | threads | plain | " + " | ".join(f"`{name}` | times" for name in params) + " |")
+    print("|" + "---|" * (3 + 2 * len(params)))
+    for width in WIDTHS:
+        for threads in CLOCKS:
+            torch.set_num_threads(threads)
+            with slice_threads() as (pool, count):
+                wide = {name: values.model_copy(update={"width": width}) for name, values in params.items()}
+                tables = [LatentTable(table.keys, table.values.detach().clone()) for _ in range(len(wide) + 1)]
+                loops = [plain_loop(shared.model_copy(update={"width": width}), tables[-1])]
+                for (name, values), own in zip(wide.items(), tables):
+                    loops.append(
+                        our_loop(
+                            name,
+                            values,
+                            own,
+                            lambda decoder, own=own, values=values: Gradients(
+                                decoder, own, values.clamp, precision, pool, count
+                            ),
+                        )
+                    )
+                found = rates(loops, batches, seconds, CLOCKS[threads])
+            cells = " | ".join(f"{found[name]:,.0f} | {found[name] / found['plain']:.2f}" for name in params)
+            print(f"| {width} | {threads} | {found['plain']:,.0f} | {cells} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], *map(float, sys.argv[2:]))

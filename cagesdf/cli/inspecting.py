@@ -1,0 +1,133 @@
+"""The command that looks into artefacts."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from cagesdf.cli.files import check_folder, replacing
+from cagesdf.errors import InputError
+from pipeline import artefact
+
+
+def inspect(path: Path, /, *, shape: str | None = None, picture: Path | None = None) -> None:
+    """Say what an artefact holds: manifest, schema, counts, ranges and a few rows.
+
+    Parameters
+    ----------
+    path
+        A folder that a stage wrote, one of its .parquet files, or a .ply mesh.
+    shape
+        The id of a run's shape, whose parts and program's parameters are listed by the names that scripts call them.
+    picture
+        A .png file for a slice through a shape's distances; for a shard of points or a folder of them.
+    """
+    print("\n\n".join(_described(path) if shape is None else _editable(path, shape)))
+    if picture is not None:
+        _draw(path, picture)
+
+
+def _described(path: Path) -> list[str]:
+    """Paragraphs about a folder or file."""
+    from cagesdf.io.summary import summarise
+
+    if path.is_dir():
+        return _artefact(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file or folder; wanted an artefact such as data/points/chair")
+    if path.suffix == ".parquet":
+        return [summarise([path])]
+    if path.suffix == ".ply":
+        return [_mesh(path)]
+    raise InputError(f"{path}: wanted an artefact's folder, a .parquet or a .ply file")
+
+
+def _editable(run: Path, shape_id: str) -> list[str]:
+    """Paragraphs about what can be edited: parts, in the user's frame and unit, and parameters."""
+    from cagesdf.editing.mirrors import mirrors
+    from cagesdf.editing.parts import parameters, part_names
+    from cagesdf.editing.session import Session
+    from cagesdf.io.runs import read_run
+    from cagesdf.io.summary import aligned, indented
+
+    state = Session(read_run(run)).opened(shape_id)
+    names, planes = part_names(state.structure), mirrors(state)
+    unit = state.similarity.scale
+    rows = [["part", "id", "centre", "lengths", "mirrored by"]]
+    for part, cuboid in state.cage.cuboids().items():
+        centre = state.similarity.to_raw(cuboid.centre[None])[0]
+        lengths = [cuboid.size[state.own_axis(axis)[0]] / unit for axis in "xyz"]
+        partners = ", ".join(names[other] for other in planes[part])
+        rows.append([names[part], part, _triple(centre), _triple(lengths), partners])
+    paragraphs = [f"{shape_id}, x, y, z in its file's frame and unit\n{indented(aligned(rows))}"]
+    if (placed := state.structure.placed_program()) is not None:
+        numbers = [[name, f"{value:.6g}"] for name, value in parameters(placed[0]).items()]
+        paragraphs.append(f"parameters of its program\n{indented(aligned(numbers))}")
+    return paragraphs
+
+
+def _triple(numbers: Iterable[float]) -> str:
+    return " ".join(f"{number:.4g}" for number in numbers)
+
+
+def _draw(path: Path, picture: Path) -> None:
+    """A slice through the distances of the first shape in a shard."""
+    from cagesdf.io.points import shard_paths
+    from cagesdf.io.slices import draw_slice, middle_slice
+
+    if picture.suffix.lower() != ".png":
+        raise InputError(f"{picture}: wanted a name that ends in .png")
+    check_folder(picture)
+    found = middle_slice(shard_paths(path)[0] if path.is_dir() else path)
+    with replacing(picture) as partial:
+        draw_slice(found, partial)
+
+
+def _artefact(folder: Path) -> list[str]:
+    """Paragraphs about a folder that a stage wrote: its manifest, then each of its tables."""
+    from cagesdf.io.summary import aligned, indented, summarise
+
+    inside = sorted(item.name for item in folder.iterdir() if (item / artefact.MANIFEST).is_file())
+    if inside and not (folder / artefact.MANIFEST).is_file():
+        raise InputError(f"{folder}: holds the artefacts {', '.join(inside)}; inspect one of them")
+    manifest = artefact.read_manifest(folder)
+    files: dict[str, dict[str, Any]] = manifest["files"]
+    size = sum(item["bytes"] for item in files.values())
+    facts = [
+        ["kind", f"{manifest['kind']}, format {manifest['format']}"],
+        ["files", f"{len(files):,}, {size / 1e6:,.1f} MB"],
+        ["inputs", ", ".join(f"{name} {digest[:8]}" for name, digest in manifest.get("inputs", {}).items()) or "none"],
+        *([name, json.dumps(value)] for name, value in manifest.get("params", {}).items()),
+    ]
+    by_ending = Counter(Path(name).suffix for name in files)
+    others = [
+        [name, f"{item['bytes']:,} bytes"]
+        for name, item in files.items()
+        if not name.endswith(".parquet") and by_ending[Path(name).suffix] <= 8
+    ]
+    paragraphs = [f"{folder}\n{indented(aligned([*facts, *others]))}"]
+    tables = [folder / name for name in files if name.endswith(".parquet")]
+    # Shards are one table in several files.
+    stems = sorted({table.stem.rstrip("0123456789") for table in tables})
+    shards = [[table for table in tables if table.stem.rstrip("0123456789") == stem] for stem in stems]
+    return paragraphs + [summarise(paths) for paths in shards]
+
+
+def _mesh(path: Path) -> str:
+    """What can be said of one mesh."""
+    from cagesdf.io.meshes import read_ply
+    from cagesdf.io.summary import aligned, indented
+    from cagesdf.meshes import is_closed, signed_volume
+
+    mesh = read_ply(path)
+    if len(mesh.faces) == 0:
+        return f"{path}: no faces"
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    facts = [["vertices", f"{len(mesh.vertices):,}"], ["faces", f"{len(mesh.faces):,}"]]
+    if is_closed(mesh):
+        facts += [["closed", "yes: no hole, one orientation"], ["volume", f"{signed_volume(mesh):.4g}"]]
+    else:
+        facts += [["closed", "no"]]
+    facts += [[axis, f"{a:.4g} to {b:.4g}"] for axis, a, b in zip("xyz", low, high)]
+    return f"{path}\n{indented(aligned(facts))}"

@@ -1,0 +1,23 @@
+"""The command that says what a run will cost."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+
+def plan(*, profile: str | None = None) -> None:
+    """Say what a run will cost: shapes, points, and disk, memory and time of each stage on this machine.
+
+    Runs the stages on two shapes a category, which takes about a minute, and scales that up.
+
+    Parameters
+    ----------
+    profile
+        One of profiles/, such as paper; without it, the default run.
+    """
+    from cagesdf.io.points import CHUNK
+    from cagesdf.training.points import BYTES_A_POINT
+    from pipeline.planning import Groups
+    from pipeline.planning import plan as estimated
+
+    with TemporaryDirectory() as folder:
+        print("\n".join(estimated(profile, Path(folder), Groups(CHUNK, BYTES_A_POINT))))

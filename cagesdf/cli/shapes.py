@@ -1,0 +1,106 @@
+"""Commands about shapes as their files give them."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cagesdf.cli.files import check_folder, replacing
+from cagesdf.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from numpy import ndarray
+
+# How `check` and `sdf` import: as params.yaml does.
+IMPORT: dict[str, Any] = {
+    "up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4,
+}  # fmt: skip
+MAX_POINTS = 20_000_000
+
+
+def check(*sources: Path) -> None:
+    """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
+
+    Exit status 1 if any was rejected.
+
+    Parameters
+    ----------
+    sources
+        Mesh files, folders of part meshes, PartNet shapes, and folders of any of these.
+    """
+    from cagesdf.errors import ShapeRejected
+    from cagesdf.formats.listing import find_shapes, read_shape
+    from cagesdf.importing import import_shape, verdict
+
+    if not sources:
+        raise InputError("wanted mesh files or folders. See cagesdf --help.")
+    found = [shape for source in sources for shape in find_shapes(source)]
+    rejected = 0
+    for source in found:
+        try:
+            told = verdict(import_shape(read_shape(source), **IMPORT))
+        except ShapeRejected as error:
+            told = f"rejected: {error.reason}"
+            rejected += 1
+        print(f"{source.shape_id}: {told}", flush=True)
+    if rejected:
+        raise InputError(f"{rejected:,} of {len(found):,} shapes rejected")
+
+
+def sdf(source: Path, points: Path, out: Path, /) -> None:
+    """Write the signed distances of points to a shape, in its own frame and unit, negative inside.
+
+    Prints how the shape was repaired as a JSON object.
+
+    Parameters
+    ----------
+    source
+        A mesh file, a folder of part meshes, or a PartNet shape.
+    points
+        A .npy file of n rows: x, y, z.
+    out
+        A .npy file for n float32 numbers, in a folder that exists.
+    """
+    import numpy as np
+
+    from cagesdf.errors import ShapeRejected
+    from cagesdf.formats.listing import find_shapes, read_shape
+    from cagesdf.importing import import_shape, repair_report, signed_distances
+
+    if out.suffix.lower() != ".npy" or out.resolve() == points.resolve():
+        raise InputError(f"{out}: wanted a name that ends in .npy, and not that of the points")
+    check_folder(out)
+    places = _read_points(points)
+    found = find_shapes(source)
+    if len(found) != 1 or found[0].path.resolve() != source.resolve():
+        raise InputError(f"{source}: holds {len(found):,} shapes, such as {found[0].shape_id}; name one")
+    try:
+        shape = import_shape(read_shape(found[0]), **IMPORT)
+    except ShapeRejected as error:
+        raise InputError(f"{source}: rejected: {error.reason}") from error
+    distances = signed_distances(shape, places).astype(np.float32)
+    with replacing(out) as partial, partial.open("wb") as stream:
+        np.save(stream, distances)
+    print(json.dumps({**repair_report(shape), "points": len(distances), "points_inside": int((distances < 0).sum())}))
+
+
+def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
+    """The points of a .npy file. Raises InputError for anything else."""
+    import numpy as np
+
+    wanted = f"wanted a .npy file of at most {MAX_POINTS:,} rows x, y, z, finite floating-point numbers"
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; {wanted}")
+    try:
+        # Mapped, so that nothing is read before its size is known.
+        stored = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, EOFError, OSError, SyntaxError) as error:
+        raise InputError(f"{path}: can't be read ({error}); {wanted}") from error
+    if not isinstance(stored, np.ndarray):
+        raise InputError(f"{path}: holds several arrays; {wanted}")
+    if stored.dtype.kind != "f" or stored.ndim != 2 or stored.shape[1] != 3 or len(stored) > MAX_POINTS:
+        raise InputError(f"{path}: holds {stored.dtype} of shape {stored.shape}; {wanted}")
+    points = np.array(stored, dtype=np.float64)
+    if not (finite := np.isfinite(points).all(1)).all():
+        raise InputError(f"{path}: row {int(finite.argmin())} is {points[finite.argmin()].tolist()}; {wanted}")
+    return points

@@ -1,0 +1,1 @@
+"""Shapes changed by hand: operations on cuboids, programs and codes, and scripts of them."""

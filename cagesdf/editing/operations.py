@@ -1,0 +1,209 @@
+"""What the operations of a script do: functions from state to state."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.deformation import scaled_cage
+from cagesdf.editing.mirrors import Change, locked
+from cagesdf.editing.parts import part_names, select, with_parameter
+from cagesdf.editing.script import Blend, Move, Operation, Redo, Resize, Rotate, Scale, Script, Set, Swap, Undo
+from cagesdf.editing.state import History, State
+from cagesdf.errors import InputError
+from cagesdf.structure.executor import execute
+
+# Latents by shape id: what swaps and blends may name.
+Styles = Mapping[str, Float32[ndarray, " d"]]
+
+REACH = 2.0  # canonical: as far from the origin as a corner may be; the shape at rest reaches 1
+SMALLEST = 1e-3  # canonical: the least length of a cuboid
+ENDS = {"low": 0.5, "centre": 0.0, "high": -0.5}  # by what stays: how far the centre goes, as a share of the growth
+
+
+def edited(state: State, script: Script, styles: Styles) -> History:
+    """The history that a script leads to.
+
+    Raises InputError that names the operation's place in the script: for parts, parameters and styles that
+    there are not, and cuboids thinner than SMALLEST or farther than REACH.
+    """
+    history = History.of(state)
+    for i, operation in enumerate(script):
+        try:
+            history = apply(history, operation, styles)
+        except InputError as error:
+            raise InputError(f"script: operation {i}: {operation.op}: {error}") from error
+    return history
+
+
+def apply(history: History, operation: Operation, styles: Styles) -> History:
+    """The history after one more operation. Raises InputError as `edited` does."""
+    match operation:
+        case Undo():
+            return history.undone()
+        case Redo():
+            return history.redone()
+        case _:
+            return history.then(_after(history.present, operation, styles))
+
+
+def _after(state: State, operation: Move | Resize | Rotate | Scale | Set | Swap | Blend, styles: Styles) -> State:
+    match operation:
+        case Move() | Resize() | Rotate():
+            return _sound(_change_parts(state, operation))
+        case Scale(factors=factors):
+            return _sound(scaled(state, factors))
+        case Set(parameter=parameter, value=value):
+            return _sound(reprogrammed(state, parameter, value))
+        case Swap(style_of=shape_id):
+            return replace(state, latent=_style(styles, shape_id))
+        case Blend(style_of=shape_id, weight=weight):
+            other = _style(styles, shape_id)
+            return replace(state, latent=(1 - np.float32(weight)) * state.latent + np.float32(weight) * other)
+
+
+def scaled(state: State, factors: tuple[float, float, float]) -> State:
+    """The whole cage stretched along the user's axes about the canonical origin."""
+    along = np.ones(3)
+    for axis, factor in zip("xyz", factors):
+        along[state.own_axis(axis)[0]] = factor
+    return replace(state, cage=scaled_cage(state.cage, along), stretch=state.stretch * along)
+
+
+def reprogrammed(state: State, name: str, value: float) -> State:
+    """Another value of one of the program's parameters; the cuboids move as the program's do.
+
+    What was done to a cuboid by hand stays: it is turned, moved and stretched by as much as the program's
+    own. Raises InputError as `parts.with_parameter` does, and where there is no program or a cuboid vanishes.
+    """
+    placed = state.structure.placed_program()
+    if placed is None:
+        raise InputError("the shape has no program: its cuboids are free of each other; move and resize them")
+    program, placement = placed
+    changed = with_parameter(program, name, value)
+    before, after = (scaled_cage(execute(own).transformed(placement), state.stretch) for own in (program, changed))
+    if (after.size <= 0).any():
+        raise InputError(f"parameter {name!r}: with {value:g} a cuboid has no volume")
+    return replace(state, cage=_followed(state.cage, before, after), structure=state.structure.with_program(changed))
+
+
+def _followed(cage: Cage, before: Cage, after: Cage) -> Cage:
+    """The cage moved as another one was; cuboids that stayed there stay, to the last bit, so that nothing is redone."""
+    same = (before.vectors() == after.vectors()).all(axis=1)
+    turns = before.axes.swapaxes(1, 2) @ after.axes
+    return Cage(
+        cage.part_ids,
+        np.where(same[:, None], cage.centre, cage.centre + (after.centre - before.centre)),
+        np.where(same[:, None, None], cage.axes, cage.axes @ turns),
+        np.where(same[:, None], cage.size, cage.size * (after.size / before.size)),
+    )
+
+
+def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
+    parts = select(state.structure, operation.part)
+    match operation:
+        case Move(by=by, frame="shape"):
+            way = state.similarity.scale * (state.similarity.rotation @ np.array(by))
+            change: Change = lambda cuboid: replace(cuboid, centre=cuboid.centre + way)  # noqa: E731
+        case Move(by=by):
+            change = _moved_in_own_frame(state, by)
+        case Resize(frame="shape"):
+            change = _stretched_together(state, parts, operation)
+        case Resize():
+            change = _stretched(state, operation)
+        case Rotate(frame="shape"):
+            change = _turned_together(state, parts, operation)
+        case Rotate():
+            change = _turned(state, operation)
+    changes = dict.fromkeys(parts, change)
+    every = locked(state, changes) if operation.mirror else changes
+    return state.with_cage(
+        Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
+    )
+
+
+def _moved_in_own_frame(state: State, by: tuple[float, float, float]) -> Change:
+    local = np.zeros(3)
+    for axis, way in zip("xyz", by):
+        row, sign = state.own_axis(axis)
+        local[row] = sign * way * state.similarity.scale
+    return lambda cuboid: replace(cuboid, centre=cuboid.centre + local @ cuboid.axes)
+
+
+def _stretched(state: State, operation: Resize) -> Change:
+    row, sign = state.own_axis(operation.axis)
+    share = sign * ENDS[operation.keep] * (operation.factor - 1)
+    factors = np.ones(3)
+    factors[row] = operation.factor
+    return lambda cuboid: Cuboid(
+        cuboid.centre + share * cuboid.size[row] * cuboid.axes[row], cuboid.axes, cuboid.size * factors
+    )
+
+
+def _stretched_together(state: State, parts: tuple[str, ...], operation: Resize) -> Change:
+    row, sign = state.own_axis(operation.axis)
+    low, high = _box(state.cage, parts)
+    fixed = (low + high) / 2 - sign * ENDS[operation.keep] * (high - low)
+    factors = np.ones(3)
+    factors[row] = operation.factor
+
+    def change(cuboid: Cuboid) -> Cuboid:
+        about = scaled_cage(Cage.of({"": replace(cuboid, centre=cuboid.centre - fixed)}), factors)[""]
+        return replace(about, centre=about.centre + fixed)
+
+    return change
+
+
+def _turned(state: State, operation: Rotate) -> Change:
+    row, sign = state.own_axis(operation.axis)
+
+    def change(cuboid: Cuboid) -> Cuboid:
+        return replace(cuboid, axes=cuboid.axes @ _rotation(sign * cuboid.axes[row], operation.angle).T)
+
+    return change
+
+
+def _turned_together(state: State, parts: tuple[str, ...], operation: Rotate) -> Change:
+    rotation = _rotation(state.direction(operation.axis), operation.angle)
+    low, high = _box(state.cage, parts)
+    pivot = (low + high) / 2
+    return lambda cuboid: replace(
+        cuboid, centre=rotation @ (cuboid.centre - pivot) + pivot, axes=cuboid.axes @ rotation.T
+    )
+
+
+def _rotation(axis: Float[ndarray, " 3"], degrees: float) -> Float[ndarray, "3 3"]:
+    return Rotation.from_rotvec(np.deg2rad(degrees) * axis).as_matrix()
+
+
+def _box(cage: Cage, parts: tuple[str, ...]) -> tuple[Float[ndarray, " 3"], Float[ndarray, " 3"]]:
+    """Lowest and highest corner of the parts together, canonical."""
+    corners = Cage.of({part: cage[part] for part in parts}).corners().reshape(-1, 3)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _style(styles: Styles, shape_id: str) -> Float32[ndarray, " d"]:
+    if shape_id not in styles:
+        near = get_close_matches(shape_id, styles, n=3, cutoff=0.5) or sorted(styles)[:3]
+        raise InputError(f"style_of {shape_id!r}: none of the {len(styles)} styles; did you mean {', '.join(near)}?")
+    return styles[shape_id]
+
+
+def _sound(state: State) -> State:
+    """The state, if its cuboids can be asked for a surface."""
+    reach = np.abs(state.cage.corners()).max(axis=(1, 2))
+    least = state.cage.size.min(axis=1)
+    names = part_names(state.structure)
+    unit = state.similarity.scale
+    if not (reach.max() <= REACH):
+        part = state.cage.part_ids[int(reach.argmax())]
+        raise InputError(f"it takes {names[part]} {reach.max() / unit:.3g} away; wanted at most {REACH / unit:.3g}")
+    if not (least.min() >= SMALLEST):
+        part = state.cage.part_ids[int(least.argmin())]
+        raise InputError(f"it leaves {names[part]} {least.min() / unit:.2g} thin; wanted {SMALLEST / unit:.2g} or more")
+    return state

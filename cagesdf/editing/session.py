@@ -1,0 +1,92 @@
+"""A trained run, opened for editing: from shapes to states, from states to surfaces."""
+
+from difflib import get_close_matches
+from functools import cached_property
+
+import torch
+from numpy import ndarray
+
+from cagesdf.editing.operations import edited
+from cagesdf.editing.parts import part_names
+from cagesdf.editing.script import Script
+from cagesdf.editing.state import History, State
+from cagesdf.errors import InputError
+from cagesdf.extraction import FIELDS, LOOSE, METHODS, SYMMETRIES, Extraction, LiveSurface
+from cagesdf.io.exports import Model, as_stored
+from cagesdf.io.runs import Run
+from cagesdf.meshes import Mesh
+from cagesdf.solid import CUBE_FACES
+
+
+class Session:
+    """What a command or an editor asks about the shapes of a run."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+
+    @cached_property
+    def styles(self) -> dict[str, ndarray]:
+        """The latents of all shapes at rest, by shape id."""
+        return {shape_id: self.run.latent(shape_id, 0).cpu().numpy() for shape_id in sorted(self.run.sequences)}
+
+    def opened(self, shape_id: str, step: int = 0) -> State:
+        """One step of a shape's sequence, as it was trained on. Raises InputError if there is none."""
+        known = sorted(self.run.sequences)
+        if shape_id not in known:
+            near = get_close_matches(shape_id, known, n=3, cutoff=0.5) or known[:3]
+            raise InputError(
+                f"the run has no shape {shape_id!r} among its {len(known)}; did you mean {', '.join(near)}?"
+            )
+        steps = self.run.steps(shape_id)
+        if step not in steps:
+            raise InputError(f"--step {step}: {shape_id} has the steps {', '.join(map(str, steps))}")
+        return State.opened(
+            self.run.sequences[shape_id].cages[step],
+            self.run.structures[shape_id],
+            self.run.latent(shape_id, step).cpu().numpy(),
+            self.run.similarities[shape_id],
+        )
+
+    def edited(self, state: State, script: Script) -> History:
+        """What a script leads to. Raises InputError as `operations.edited`, and for an arm that knows no cuboids."""
+        if self.run.params["points_of"] != "cage":
+            raise InputError("this arm was trained without cuboids: there is nothing to edit; take one such as cagesdf")
+        return edited(state, script, self.styles)
+
+    def live(self, resolution: int, method: str = "sparse", loose: str = "keep", symmetry: str = "none") -> "Live":
+        """What gives the surfaces of one state after another; the choices are extraction's, by name."""
+        return Live(
+            LiveSurface(
+                self.run.decoder,
+                resolution,
+                FIELDS[self.run.params["points_of"]],
+                method=METHODS[method],
+                loose=LOOSE[loose],
+                symmetry=SYMMETRIES[symmetry],
+            ),
+            self.run.latents.values.device,
+        )
+
+
+class Live:
+    """Surfaces of states, of which only what has changed since the last ones is asked for."""
+
+    def __init__(self, live: LiveSurface, device: torch.device) -> None:
+        self._live = live
+        self._device = device
+
+    def surface(self, state: State) -> Extraction:
+        """The surface of a state, canonical: closed, outward and within its cuboids, or without faces."""
+        return self._live.surface(torch.from_numpy(state.latent).to(self._device), state.cage)
+
+
+def model_of(mesh: Mesh, state: State) -> Model:
+    """A state's surface, canonical, as it is given to users: in their frame, cut by cuboid, with the cuboids."""
+    names = part_names(state.structure)
+    surface = as_stored(mesh.with_vertices(state.similarity.to_raw(mesh.vertices)))
+    owner, _ = state.cage.assign(state.similarity.to_canonical(surface.corners().mean(axis=1)))
+    cuboids = {
+        names[part]: Mesh(state.similarity.to_raw(corners), CUBE_FACES)
+        for part, corners in zip(state.cage.part_ids, state.cage.corners())
+    }
+    return Model(surface, owner, cuboids)

@@ -1,0 +1,72 @@
+"""A shape while it is edited, and what it was before."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray
+
+from cagesdf.cuboid import Cage
+from cagesdf.errors import InputError
+from cagesdf.frames import Similarity
+from cagesdf.structure.base import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """All that a surface follows from but the network."""
+
+    cage: Cage  # canonical
+    structure: Structure  # canonical; the cage follows from its program, if it has one, where nothing was moved by hand
+    latent: Float32[ndarray, " d"]
+    similarity: Similarity  # raw → canonical: raw is the frame that operations speak of
+    stretch: Float[ndarray, " 3"]  # of the whole since it was opened, along the canonical axes
+
+    @staticmethod
+    def opened(cage: Cage, structure: Structure, latent: Float32[ndarray, " d"], similarity: Similarity) -> "State":
+        """A shape that nothing was done to."""
+        return State(cage, structure, latent, similarity, np.ones(3))
+
+    def with_cage(self, cage: Cage) -> "State":
+        """The same style in other cuboids."""
+        return replace(self, cage=cage)
+
+    def direction(self, axis: str) -> Float[ndarray, " 3"]:
+        """A user's axis, "x", "y" or "z", in the canonical frame; a unit vector."""
+        return self.similarity.rotation[:, "xyz".index(axis)]
+
+    def own_axis(self, axis: str) -> tuple[int, float]:
+        """Which of a cuboid's axes is named after a user's axis, and 1 or -1: which way along it."""
+        direction = self.direction(axis)
+        row = int(np.abs(direction).argmax())
+        return row, float(np.sign(direction[row]))
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """States in the order in which they came about."""
+
+    past: tuple[State, ...]  # oldest first
+    present: State
+    future: tuple[State, ...]  # that were taken back, the next one first
+
+    @staticmethod
+    def of(state: State) -> "History":
+        """A history that begins."""
+        return History((), state, ())
+
+    def then(self, state: State) -> "History":
+        """Go on; what was taken back is forgotten."""
+        return History((*self.past, self.present), state, ())
+
+    def undone(self) -> "History":
+        """One state back. Raises InputError at the beginning."""
+        if not self.past:
+            raise InputError("there is nothing to take back")
+        return History(self.past[:-1], self.past[-1], (self.present, *self.future))
+
+    def redone(self) -> "History":
+        """One state forth. Raises InputError if nothing was taken back."""
+        if not self.future:
+            raise InputError("nothing was taken back that could be done again")
+        return History((*self.past, self.present), self.future[0], self.future[1:])

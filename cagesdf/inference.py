@@ -1,0 +1,273 @@
+"""A trained network for a shape that it has never seen: cuboids, code, surface, and whether to trust them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from numpy import ndarray
+from torch import Tensor
+
+from cagesdf.cuboid import Cage, Sequence
+from cagesdf.distance import SurfaceDistance
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.extraction import OUTSIDES, CageField, Extraction, extract
+from cagesdf.extraction.field import Outside
+from cagesdf.fitting.cages import fit_cage
+from cagesdf.fitting.fitted import FittedCage
+from cagesdf.io.points import CHUNK, PointChunks
+from cagesdf.io.runs import Run
+from cagesdf.meshes import Mesh
+from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.models.shifted import ShiftedDecoder
+from cagesdf.sampling import sample_points
+from cagesdf.shape import Shape
+from cagesdf.solid import union
+from cagesdf.training.batches import Batch, training_chunks, training_set
+from cagesdf.training.inference import InferenceSettings, Inferred, infer
+
+STAGE = "fit"
+MEAN = "mean"  # the start that is no shape's code: the mean of all
+MEASURED = ("surface_distance", "accuracy", "completeness", "nc_signed", "iou")
+
+# A shape is far from the training shapes beyond these; docs/fit.md has what they are drawn from.
+FAR_RESIDUAL = 3.0  # times the training shapes' median residual, and beyond the largest of them
+FAR_CODE = 1.75  # times the largest distance of a training code to its nearest one
+FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter than the shortest by as much
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a shape is prepared, as for training, and how its code is found."""
+
+    slack: float  # these four as `fit_cage`'s
+    min_size: float
+    margin: float
+    points: int
+    near: int  # these four as `sample_points`'
+    uniform: int
+    per_cuboid: int
+    beta: float
+    inference: InferenceSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A shape as the network is trained on shapes, but for its code."""
+
+    shape: Shape
+    fitted: FittedCage
+    surface: Mesh  # the union of its parts, canonical
+    groups: Batch  # its points, in groups of a part
+    part: Tensor  # by group, the number of its part
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What the training shapes are like."""
+
+    residuals: Mapping[str, float]  # by shape id; see `rest_residuals`
+    codes: Mapping[str, Float32[ndarray, " d"]]  # by shape id, at rest
+    sides: Float[ndarray, "r 3"]  # of the boxes around their cages at rest, canonical
+
+    @staticmethod
+    def of(run: Run, residuals: Mapping[str, float]) -> "Known":
+        """The training shapes of a run. Raises InputError for residuals of other shapes."""
+        codes = {shape_id: run.latent(shape_id, 0).cpu().numpy() for shape_id in sorted(run.sequences)}
+        if set(residuals) != set(codes):
+            raise InputError("the run's residuals are of other shapes than its latents; train again")
+        return Known(residuals, codes, np.array([sides(run.sequences[shape_id].cages[0]) for shape_id in codes]))
+
+    def spacing(self) -> Float[ndarray, " r"]:
+        """The distance of each code to the nearest other one; nothing where there is one alone."""
+        codes = np.stack([*self.codes.values()])
+        apart = np.linalg.norm(codes[:, None] - codes, axis=2)
+        np.fill_diagonal(apart, np.inf)
+        nearest = apart.min(axis=1)
+        return nearest[np.isfinite(nearest)]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Where a shape lies among the training shapes. Residuals are mean |sdf error|, canonical units."""
+
+    residual: float  # with one code for the whole shape
+    median: float  # of the training shapes' residuals
+    largest: float  # of them
+    nearest: str  # the training shape with the nearest code
+    distance: float  # of its code
+    widest: float  # the largest distance of a training code to its nearest one; 0 where there is one alone
+    sides: tuple[float, float, float]  # of the box around its cage along x, y, z, canonical
+    shortest: tuple[float, float, float]  # of these sides of the training shapes
+    longest: tuple[float, float, float]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the shape is far from the training shapes; none if it is not."""
+        found = []
+        if self.residual > max(FAR_RESIDUAL * self.median, self.largest):
+            found.append(
+                f"no code explains it: its residual is {self.residual / self.median:.1f} times the training shapes' "
+                f"median, theirs at most {self.largest / self.median:.1f} times"
+            )
+        if self.widest and self.distance > FAR_CODE * self.widest:
+            found.append(
+                f"its code lies {self.distance:.2f} from the nearest one ({self.nearest}), "
+                f"training codes at most {self.widest:.2f}"
+            )
+        beyond = [
+            f"{side:.2f} along {axis} (theirs {low:.2f} to {high:.2f})"
+            for axis, side, low, high in zip("xyz", self.sides, self.shortest, self.longest)
+            if not low / FAR_SIDES <= side <= high * FAR_SIDES
+        ]
+        if beyond:
+            found.append(f"in a sphere of radius 1, y up, it measures {', '.join(beyond)}")
+        return tuple(found)
+
+    @property
+    def far(self) -> bool:
+        """Whether the network should not be trusted with the shape."""
+        return bool(self.reasons)
+
+    def __str__(self) -> str:
+        return f"far from the training shapes: {'; '.join(self.reasons)}" if self.far else "like the training shapes"
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A shape that was not trained on, as the network has it."""
+
+    prepared: Prepared
+    inferred: Inferred
+    start: str  # the training shape whose code it was optimised from, or MEAN
+    verdict: Verdict
+
+
+def prepare(run: Run, shape: Shape, settings: FitSettings, rng: np.random.Generator) -> Prepared:
+    """Cuboids and points of a shape, as those that the run was trained on.
+
+    Raises ShapeRejected as `fit_cage` does, and for parts that have no closed union; InputError for an arm that was
+    trained without cuboids.
+    """
+    if run.params["points_of"] != "cage":
+        raise InputError("this arm was trained without cuboids, so that it has no place for these; take cagesdf")
+    fitted = fit_cage(shape, settings.slack, settings.min_size, settings.margin, settings.points, rng)
+    try:
+        surface = union([part.mesh for part in shape.parts])
+    except ValueError as error:
+        raise ShapeRejected(shape.shape_id, STAGE, str(error)) from error
+    numbers = settings.near, settings.uniform, settings.per_cuboid, settings.beta
+    samples = sample_points(SurfaceDistance(surface), fitted.cage, *numbers, CHUNK, rng)
+    zeros = np.zeros_like(samples.part)
+    fields = samples.part, samples.points, samples.sdf, samples.near
+    sequences = {shape.shape_id: Sequence(shape.shape_id, None, np.zeros(1), (False,), (fitted.cage,))}
+    chunks = training_chunks(
+        PointChunks(zeros, zeros, *fields, (shape.shape_id,), fitted.cage.part_ids),
+        sequences, "rest", "cage", run.params["reach"], rng,
+    )  # fmt: skip
+    device = run.latents.values.device
+    table = LatentTable(((shape.shape_id, SHARED),), torch.zeros(1, run.params["latent_dim"]))
+    groups = training_set(chunks, sequences, table).to(device)
+    return Prepared(shape, fitted, surface, groups, torch.from_numpy(chunks.part).long().to(device))
+
+
+def fit_code(run: Run, known: Known, prepared: Prepared, settings: InferenceSettings, seed: int) -> Fit:
+    """The code of a prepared shape, and whether it is like the training shapes."""
+    codes = torch.from_numpy(np.stack([*known.codes.values()])).to(run.latents.values.device)
+    candidates = torch.cat([codes, codes.mean(dim=0, keepdim=True)])
+    names = (*known.codes, MEAN)
+    parts = len(prepared.fitted.cage)
+    inferred = infer(run.decoder, candidates, prepared.groups, prepared.part, parts, settings, seed)
+    return Fit(prepared, inferred, names[inferred.start], judge(known, prepared.fitted.cage, inferred))
+
+
+def sides(cage: Cage) -> Float[ndarray, " 3"]:
+    """Of the box around a cage along the canonical axes."""
+    return np.ptp(cage.corners().reshape(-1, 3), axis=0)
+
+
+def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
+    """Where a shape of this cage and code lies among the training shapes."""
+    code = inferred.code.cpu().numpy()
+    distances = {shape_id: float(np.linalg.norm(own - code)) for shape_id, own in known.codes.items()}
+    nearest = min(distances, key=lambda shape_id: distances[shape_id])
+    residuals = [*known.residuals.values()]
+    own, low, high = (tuple(row.tolist()) for row in (sides(cage), known.sides.min(axis=0), known.sides.max(axis=0)))
+    return Verdict(
+        inferred.code_error,
+        float(np.median(residuals)),
+        max(residuals),
+        nearest,
+        distances[nearest],
+        float(max(known.spacing(), default=0.0)),
+        own,
+        low,
+        high,
+    )
+
+
+class FittedField(CageField):
+    """The field of a fitted shape: each cuboid has the network with its part's residual."""
+
+    def __init__(self, decoder: torch.nn.Module, inferred: Inferred, cage: Cage, outside: Outside) -> None:
+        """As CageField; `inferred` is of the cage's parts, in their order."""
+        super().__init__(decoder, inferred.code, cage, outside)
+        self._fields = [
+            CageField(ShiftedDecoder(decoder, film), inferred.code, cage, outside) for film in inferred.film
+        ]
+
+    def ask(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:
+        """As CageField's, with the part's residual."""
+        return self._fields[cuboid].ask(points, cuboid)
+
+
+def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
+    """The surface of a fitted shape, canonical; see `extract`. Raises InputError if the network gives none."""
+    field = FittedField(run.decoder, fit.inferred, fit.prepared.fitted.cage, OUTSIDES["union"])
+    found = extract(field, resolution)
+    if len(found.mesh.faces) == 0:
+        raise InputError(f"{fit.prepared.shape.shape_id}: the network gives no surface at all for it; {fit.verdict}")
+    return found
+
+
+def measure(
+    fit: Fit, mesh: Mesh, points: int, volume_points: int, detail: float, rng: np.random.Generator
+) -> dict[str, float]:
+    """How far a fitted surface is from the shape's own: MEASURED of `score`, in whose units."""
+    truth = Truth(fit.prepared.surface, fit.prepared.fitted.cage, detail)
+    figures = score(Measured(mesh), truth, points, volume_points, rng)
+    return {name: figures[name] for name in MEASURED}
+
+
+def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
+    """What became of a shape, for JSON. Residuals are percentages of its longest side, as surface_distance is."""
+    shape, verdict, inferred = fit.prepared.shape, fit.verdict, fit.inferred
+    share = 100 / float(np.ptp(fit.prepared.surface.vertices, axis=0).max())
+    return {
+        "shape_id": shape.shape_id,
+        "verdict": str(verdict),
+        "far": verdict.far,
+        "parts": len(shape.parts),
+        "bounded": int(fit.prepared.fitted.bounded.sum()),
+        "repair": shape.status,
+        "scale": shape.similarity.scale,
+        "points": fit.prepared.groups.sdf.numel(),
+        "start": fit.start,
+        "nearest": verdict.nearest,
+        "sides": [round(side, 4) for side in verdict.sides],
+        "code_distance": round(verdict.distance, 4),
+        "code_distance_of_training": round(verdict.widest, 4),
+        "residual_one_code": round(share * inferred.code_error, 4),
+        "residual": round(share * inferred.error, 4),
+        "residual_over_training": round(verdict.residual / verdict.median, 3),
+        **{name: round(value, 4) for name, value in measured.items()},
+        "evaluations": found.asked,
+        "vertices": len(found.mesh.vertices),
+        "faces": len(found.mesh.faces),
+        "components": found.components,
+        "clipped": round(found.clipped, 6),
+        "overshoot": found.overshoot,
+    }

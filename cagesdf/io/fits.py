@@ -1,0 +1,58 @@
+"""What `cagesdf fit` writes: a shape that was not trained on, as a network has it.
+
+cuboids.parquet, programs.parquet   as fit_cuboids writes them, for one shape
+latent.safetensors                  latent (d); film (p, l, 2, h): what is added to FiLM's scales and shifts, by part
+surface.ply                         the surface, in the user's frame and unit
+report.json                         the verdict, and how near all this comes
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import safetensors
+from jaxtyping import Float
+from safetensors.torch import load_file, save
+from torch import Tensor
+
+from cagesdf.errors import InputError
+from cagesdf.fitting.fitted import FittedCage
+from cagesdf.io.cuboids import write_cuboids
+from cagesdf.io.meshes import write_ply
+from cagesdf.meshes import Mesh
+
+FILES = ("cuboids.parquet", "programs.parquet", "latent.safetensors", "surface.ply", "report.json")
+LATENT = "latent.safetensors"
+
+
+def write_fit(
+    folder: Path,
+    fitted: FittedCage,
+    latent: Float[Tensor, " d"],
+    film: Float[Tensor, "p l 2 h"],
+    surface: Mesh,
+    report: Mapping[str, Any],
+) -> None:
+    """Write FILES into an existing folder; `surface` is raw, the cuboids canonical. `report` names the shape."""
+    write_cuboids(folder, {report["shape_id"]: fitted})
+    tensors = {"latent": latent, "film": film}
+    (folder / LATENT).write_bytes(save({name: value.detach().cpu().contiguous() for name, value in tensors.items()}))
+    write_ply(folder / "surface.ply", surface)
+    text = json.dumps(report, indent=1, ensure_ascii=False) + "\n"
+    (folder / "report.json").write_text(text, encoding="utf-8", newline="\n")
+
+
+def read_fit_latent(folder: Path) -> tuple[Float[Tensor, " d"], Float[Tensor, "p l 2 h"]]:
+    """A fitted shape's latent and its parts' residuals. Raises InputError for a file that isn't one of ours."""
+    path = folder / LATENT
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; wanted a folder that `cagesdf fit` wrote")
+    try:
+        tensors = load_file(path)
+    except safetensors.SafetensorError as error:
+        raise InputError(f"{path}: is damaged ({error}); run `cagesdf fit` again") from error
+    sizes = {name: tuple(tensor.shape) for name, tensor in sorted(tensors.items())}
+    if {name: len(size) for name, size in sizes.items()} != {"film": 4, "latent": 1} or sizes["film"][2] != 2:
+        raise InputError(f"{path}: holds {sizes}, wanted latent (d) and film (p, l, 2, h); run `cagesdf fit` again")
+    return tensors["latent"], tensors["film"]

@@ -1,0 +1,105 @@
+"""The gradient of one batch, in slices, on several threads."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from cagesdf.models.decoders import Decoder
+from cagesdf.models.latents import LatentTable
+from cagesdf.training.batches import Batch
+from cagesdf.training.losses import shape_l1
+
+SLICE = {"cpu": 32}  # groups whose activations are held at once; elsewhere LARGE
+LARGE = 1024
+
+
+class Gradients:
+    """Gradients of the data term with respect to a decoder and latents.
+
+    What groups need once is computed once for all. Their points are cut into slices, one for each thread
+    at least; each slice is one thread's, and their gradients are summed in order. So the memory for
+    activations doesn't grow with the batch, and with as many threads the bits are the same.
+    """
+
+    def __init__(
+        self,
+        decoder: Decoder,
+        latents: LatentTable,
+        clamp: float,
+        precision: Literal["float32", "bfloat16"],
+        pool: ThreadPoolExecutor,
+        threads: int,
+    ) -> None:
+        self.decoder, self.latents, self.clamp = decoder, latents, clamp
+        self.products = getattr(torch, precision)
+        self.pool, self.threads = pool, threads
+        self.parameters = list(decoder.parameters())
+
+    def add(self, batch: Batch, weight: float) -> Tensor:
+        """Add the gradient of `weight` × `shape_l1` to those of parameters and latents; returns that value."""
+        total = torch.zeros((), device=batch.sdf.device)
+        device = batch.sdf.device.type
+        with torch.autocast(device, torch.bfloat16, enabled=self.products == torch.bfloat16):
+            condition = self.decoder.condition(self.latents(batch.latent), batch.cuboid)
+        to_condition = []
+        parts = slices(len(batch.weight), self.threads, SLICE.get(device, LARGE))
+        for first in range(0, len(parts), self.threads):  # no more gradients are held than there are threads
+            of = partial(self._of, batch, condition.detach(), weight)
+            others = [self.pool.submit(of, part) for part in parts[first + 1 : first + self.threads]]
+            for l1, gradients, own in [of(parts[first]), *(other.result() for other in others)]:
+                total += l1
+                to_condition.append(own)
+                for parameter, gradient in zip(self.parameters, gradients, strict=True):
+                    _add(parameter, gradient)
+        condition.backward(torch.cat(to_condition) if to_condition else torch.zeros_like(condition))
+        return total
+
+    def _of(
+        self, batch: Batch, condition: Tensor, weight: float, part: slice
+    ) -> tuple[Tensor, tuple[Tensor | None, ...], Tensor]:
+        groups = batch.part(part)
+        own = condition[part].requires_grad_()
+        predicted = self.decoder.at(self.decoder.features(groups.points, groups.cuboid), own, self.products)
+        l1 = shape_l1(predicted, groups.sdf, groups.weight, self.clamp)
+        l1 = l1 * (weight * len(groups.weight) / len(batch.weight))
+        *gradients, to_condition = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)
+        return l1.detach(), tuple(gradients), to_condition
+
+
+def _add(parameter: Tensor, gradient: Tensor | None) -> None:
+    """Gradients of a mapping network come later, from all slices together."""
+    if gradient is None:
+        return
+    if parameter.grad is None:
+        parameter.grad = gradient
+    else:
+        parameter.grad += gradient
+
+
+def slices(groups: int, threads: int, most: int) -> list[slice]:
+    """So many groups in equal runs, as nearly as can be, of at most `most`: one for each thread, or some for each."""
+    count = min(groups, max(1, -(-groups // (threads * most))) * threads)
+    ends = [groups * i // count for i in range(count + 1)] if count else []
+    return [slice(start, stop) for start, stop in pairwise(ends)]
+
+
+@contextmanager
+def slice_threads() -> Iterator[tuple[ThreadPoolExecutor, int]]:
+    """Threads to help this one, and how many they are with it: as many as torch would use for one operation.
+
+    Meanwhile each operation has one thread: operations are short, and threads that share one wait for each
+    other at its end, on a busy machine many times as long as it takes.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with ThreadPoolExecutor(max(threads - 1, 1)) as pool:
+            yield pool, threads
+    finally:
+        torch.set_num_threads(threads)

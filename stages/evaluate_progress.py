@@ -1,0 +1,77 @@
+"""Measure the surfaces that arms would have given while they trained: how long training must be.
+
+python -m stages.evaluate_progress data/runs/chair data/shapes/chair data/progress/chair
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from cagesdf.errors import ShapeRejected
+from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
+from cagesdf.evaluation.tables import PROGRESS
+from cagesdf.extraction import FIELDS, OUTSIDES, OVERLAPS, extract_surface
+from cagesdf.io.points import CHUNK
+from cagesdf.io.progress import write_progress
+from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of
+from cagesdf.io.shapes import ShapeFolder, read_shapes
+from pipeline import ProgressParams, artefact, draw, item_rng, parallel_map, run_stage
+
+
+def main(runs: Path, shapes: Path, out: Path, params: ProgressParams) -> None:
+    """Read the runs of all arms with their snapshots and `shapes/`, write `progress/`."""
+    arms = {folder.name: folder for folder in sorted(runs.iterdir()) if (folder / artefact.MANIFEST).is_file()}
+    manifests = {arm: folder / artefact.MANIFEST for arm, folder in arms.items()}
+    with artefact.write("progress", out, inputs={"shapes": shapes}, foreign=manifests, params=params) as folder:
+        todo = [
+            (run, shape_id)
+            for run in arms.values()
+            for shape_id in draw(params.seed, read_run(run).sequences, params.shapes)
+        ]
+        measure = partial(progress_of, read_shapes(shapes), params)
+        rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate_progress")
+        about = definitions(params.points, 1, params.detail, (params.seed,)) | {"resolution": params.resolution}
+        write_progress(folder, (row for some in rows for row in some), about)
+
+
+def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, str]) -> list[dict[str, Any]]:
+    """One row a snapshot of a run, the last of all its training, for one shape.
+
+    Measured is its first held-out step, or its rest shape where that alone has a latent.
+    """
+    folder, shape_id = item
+    torch.set_num_threads(1)
+    trained = read_run(folder)
+    sequence = trained.sequences[shape_id]
+    step = next((step for step in trained.steps(shape_id) if sequence.held_out[step]), 0)
+    truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail)
+    snapshots = {steps: read_snapshot(folder, steps) for steps in snapshots_of(folder)}
+    rows = []
+    for steps, run in (snapshots | {trained.params["steps"]: trained}).items():
+        predicted = surface(run, shape_id, step, params)
+        rng = item_rng(params.seed, "evaluate_progress", shape_id)
+        figures = score(predicted, truth, params.points, 1, rng)
+        points = steps * trained.params["batch_chunks"] * CHUNK
+        key = {
+            "arm": folder.name,
+            "points": points,
+            "shape_id": shape_id,
+            "step": step,
+            "held_out": sequence.held_out[step],
+        }
+        rows.append(key | {name: figures[name] for name in PROGRESS})
+    return rows
+
+
+def surface(run: Run, shape_id: str, step: int, params: ProgressParams) -> Measured | None:
+    """What the run makes of one step of one shape."""
+    make_field, cage = FIELDS[run.params["points_of"]], run.sequences[shape_id].cages[step]
+    field = make_field(run.decoder, run.latent(shape_id, step), cage, OUTSIDES["union"], OVERLAPS["blend"])
+    mesh = extract_surface(field, params.resolution)
+    return Measured(mesh) if len(mesh.faces) else None
+
+
+if __name__ == "__main__":
+    run_stage(main)

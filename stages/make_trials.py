@@ -1,0 +1,98 @@
+"""Make edits whose true outcome is known, and measure on them what needs no network.
+
+python -m stages.make_trials data/raw/chair data/shapes/chair data/sequences/chair data/trials/chair
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+from cagesdf.cuboid import Sequence
+from cagesdf.deformation import deform_shape
+from cagesdf.errors import ShapeRejected
+from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
+from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.swaps import box_warp, swap_trial, swaps_of
+from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
+from cagesdf.io.edits import write_edits
+from cagesdf.io.sequences import read_sequences
+from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.io.trials import write_trials
+from cagesdf.meshes import Mesh
+from cagesdf.solid import union
+from cagesdf.synthesis.recipe import Recipe
+from cagesdf.synthesis.writing import read_recipes
+from pipeline import TrialsParams, artefact, draw, item_rng, parallel_map, run_stage
+
+
+def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsParams) -> None:
+    """Read `shapes/`, `sequences/` and the recipes in `raw`, write `trials/`; without recipes there are no swaps."""
+    inputs = {"shapes": shapes, "sequences": sequences}
+    with artefact.write("trials", out, inputs=inputs, foreign={"raw": raw}, params=params) as folder:
+        source, cages, recipes = read_shapes(shapes), read_sequences(sequences), read_recipes(raw)
+        pairs = {f"{a}/{b}": (a, b) for a, b in swaps_of(recipes, cages)}
+        swapped = [pairs[name] for name in draw(params.seed, pairs, params.swaps)]
+        edited = draw(params.seed, cages, params.shapes)
+        swap = partial(swap_one, source, cages, recipes, params)
+        edit = partial(edit_one, source, cages, params)
+        swaps, _ = parallel_map(swap, swapped, rejects=ShapeRejected, label="make_trials, swaps")
+        edits, _ = parallel_map(edit, edited, rejects=ShapeRejected, label="make_trials, others")
+        made = [*swaps, *(item for items, _ in edits for item in items)]
+        skipped = sum(count for _, count in edits)
+        about = definitions(params.points, params.detail, params.seed)
+        write_trials(folder, [trial for trial, _ in made], about, skipped)
+        write_edits(folder / "references.parquet", [row for _, rows in made for row in rows], about)
+        print(
+            f"{len(swaps)} swaps of {len(pairs)}, {len(made) - len(swaps)} other trials; {skipped} left out: too thin"
+        )
+
+
+def swap_one(
+    source: ShapeFolder,
+    cages: Mapping[str, Sequence],
+    recipes: Mapping[str, Recipe],
+    params: TrialsParams,
+    pair: tuple[str, str],
+) -> tuple[Trial, list[Row]]:
+    """The swap of a shape's cuboids with another's style, and its references."""
+    shape, styled = (source.read(shape_id) for shape_id in pair)
+    rest = cages[shape.shape_id].cages[0]
+    trial = swap_trial(shape, rest, styled.shape_id, recipes)
+    warped = box_warp(styled, cages[styled.shape_id].cages[0], shape, rest)
+    unchanged = union([part.mesh for part in shape.parts])
+    return trial, measured(trial, {"unchanged": unchanged, "box_warp": warped}, params)
+
+
+def edit_one(
+    source: ShapeFolder, cages: Mapping[str, Sequence], params: TrialsParams, shape_id: str
+) -> tuple[list[tuple[Trial, list[Row]]], int]:
+    """All trials of a shape in its own style, with their references, and how many were left out."""
+    shape, sequence = source.read(shape_id), cages[shape_id]
+    rest = rest_trial(shape, sequence.cages[0])
+    rng = item_rng(params.seed, "local", shape_id)
+    local = local_trials(shape, sequence.cages[0], params.local, params.resize, params.move, rng)
+    beyond, skipped = beyond_trials(shape, sequence, params.beyond)
+    bent = bent_trial(shape, sequence, params.blend)
+    warped = union(deform_shape(shape, sequence.cages[0], bent.cage))
+    # Of local edits and sequences box_warp is the truth, which is measured once, at rest.
+    compared: list[tuple[Trial, dict[str, Mesh]]] = [
+        (rest, {"ground_truth": rest.truth}),
+        *((trial, {}) for trial in local),
+        *((trial, {"unchanged": rest.truth}) for trial in beyond),
+        (bent, {"unchanged": rest.truth, "box_warp": warped}),
+    ]
+    return [(trial, measured(trial, surfaces, params)) for trial, surfaces in compared], skipped
+
+
+def measured(trial: Trial, surfaces: Mapping[str, Mesh], params: TrialsParams) -> list[Row]:
+    """One row a surface, by the name of what gave it."""
+    truth = Truth(trial.truth, trial.cage, params.detail)
+    rows = []
+    for arm, surface in surfaces.items():
+        rng = item_rng(params.seed, "measure", trial.trial_id)
+        rows.append(edit_row(arm, trial, measure(surface, trial, truth, params.points, rng)))
+    return with_gains(rows, rows)
+
+
+if __name__ == "__main__":
+    run_stage(main)

@@ -1,0 +1,191 @@
+"""`cagesdf extract`, `edit` and `swap` as a user meets them, and what `inspect` tells for it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import programs
+import pytest
+import test_cli
+import torch
+import trimesh
+from test_cli import FIGURES, PARAMS, SIZE, Command, write_trained
+
+from cagesdf.cuboid import Sequence
+from cagesdf.editing.script import parse
+from cagesdf.editing.session import Session
+from cagesdf.frames import UP_AXES, Similarity
+from cagesdf.io.meshes import read_ply
+from cagesdf.io.runs import Run, read_run, write_run
+from cagesdf.meshes import is_closed, signed_volume
+from cagesdf.models.arms import make_decoder
+from cagesdf.models.latents import LatentTable
+from cagesdf.structure.assembly import Assembly
+from pipeline import artefact
+
+command, trained = test_cli.command, test_cli.trained  # the fixtures
+LABELS = {"seat": "seat", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}
+
+
+def write_chairs(folder: Path, points_of: str = "cage") -> Path:
+    """A run of two chairs with programs, of which the second is larger; its network says that all cuboids are full."""
+    decoder: Any = make_decoder("DeepSdfDecoder", **FIGURES, seed=0)
+    with torch.no_grad():
+        for parameter in decoder.parameters():
+            parameter.zero_()
+        decoder.out.bias.fill_(-0.05)
+    placements = {
+        name: Similarity(scale, np.eye(3), np.zeros(3)) for name, scale in (("chair_1", 1.0), ("chair_2", 1.2))
+    }
+    structures = {name: Assembly(programs.CHAIR, place, LABELS) for name, place in placements.items()}
+    run = Run(
+        decoder,
+        LatentTable(tuple((name, -1) for name in structures), torch.tensor([[0.0, 1.0], [2.0, 3.0]])),
+        {
+            name: Sequence(name, None, np.zeros(1), (False,), (structure.cage(),))
+            for name, structure in structures.items()
+        },
+        structures,
+        dict.fromkeys(structures, Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))),
+        {**FIGURES, "decoder": "DeepSdfDecoder", "points_of": points_of},
+        {"sampled": 1, "used": 1},
+    )
+    with artefact.write("run", folder, inputs={}, params=PARAMS) as out:
+        write_run(out, run, [{"step": 1.0, "loss": 0.5}])
+    return folder
+
+
+@pytest.fixture
+def chairs(tmp_path: Path) -> Path:
+    return write_chairs(tmp_path / "runs" / "chairs")
+
+
+def write_script(folder: Path, *operations: dict[str, Any]) -> Path:
+    path = folder / "script.json"
+    path.write_text(json.dumps(operations), encoding="utf-8")
+    return path
+
+
+def test_a_surface_is_written_in_the_users_frame(command: Command, trained: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.ply"
+    told = json.loads(command("extract", trained, "chair_0001", out, "--resolution", "64"))
+    mesh = read_ply(out)
+    assert is_closed(mesh)
+    assert (told["vertices"], told["faces"]) == (len(mesh.vertices), len(mesh.faces))
+    assert told["closed"]
+    assert told["components"] == 1
+    assert told["overshoot"] <= 1e-3
+    assert told["evaluations"] > 0
+    assert set(told["seconds"]) == {"read", "extract", "cut", "write"}
+    # canonical = 0.5 · R raw + (0.1, 0.2, 0.3), z up: raw x, y, z are canonical x, -z, y.
+    raw = SIZE[[0, 2, 1]] / 0.5
+    centre = np.array([-0.1, 0.3, -0.2]) / 0.5
+    cell = 2.1 / 64 / 0.5
+    np.testing.assert_allclose(mesh.vertices.max(0), centre + raw / 2, atol=cell / 10)
+    np.testing.assert_allclose(mesh.vertices.min(0), centre - raw / 2, atol=cell / 10)
+
+
+@pytest.mark.parametrize("ending", [".obj", ".stl", ".glb", ".PLY"])
+def test_every_format_holds_the_same_closed_solid(ending: str, command: Command, trained: Path, tmp_path: Path) -> None:
+    out = tmp_path / f"out{ending}"
+    command("extract", trained, "chair_0001", out, "--resolution", "32")
+    scene = trimesh.load_scene(out, split_objects=True, group_material=False)
+    shown = [mesh for name, mesh in scene.geometry.items() if not name.startswith("cuboids/")]
+    solid = trimesh.util.concatenate(shown)
+    solid.merge_vertices()
+    assert solid.is_watertight
+    command("extract", trained, "chair_0001", tmp_path / "ours.ply", "--resolution", "32")
+    assert solid.volume == pytest.approx(signed_volume(read_ply(tmp_path / "ours.ply")), rel=1e-5)
+
+
+def test_a_step_of_the_sequence_can_be_asked_for(command: Command, trained: Path, tmp_path: Path) -> None:
+    for step in (0, 1):
+        command("extract", trained, "chair_0001", tmp_path / f"{step}.ply", "--resolution", "32", "--step", step)
+    rest, moved = (np.ptp(read_ply(tmp_path / f"{step}.ply").vertices, axis=0) for step in (0, 1))
+    np.testing.assert_allclose(moved / rest, 1.2, rtol=0.05)
+    complaint = command.complaint("extract", trained, "chair_0001", tmp_path / "x.ply", "--step", 7)
+    assert "has the steps 0, 1" in complaint
+
+
+def test_nothing_is_written_where_something_is_wrong(command: Command, trained: Path, tmp_path: Path) -> None:
+    wanted = tmp_path / "out"
+    wanted.mkdir()
+    out = wanted / "a.ply"
+    assert "did you mean chair_0001" in command.complaint("extract", trained, "chair_001", out)
+    assert "at least 8 cells" in command.complaint("extract", trained, "chair_0001", out, "--resolution", "1")
+    assert "ends in .ply" in command.complaint("extract", trained, "chair_0001", wanted / "a.step")
+    assert "make it first" in command.complaint("extract", trained, "chair_0001", tmp_path / "no" / "a.ply")
+    assert "train stage" in command.complaint("extract", tmp_path, "chair_0001", out)
+    empty = write_trained(tmp_path / "empty", 0.05)
+    assert "no surface at all" in command.complaint("extract", empty, "chair_0001", out)
+    assert list(wanted.iterdir()) == []
+
+
+def test_an_edited_shape_is_written_as_its_cuboids_say(command: Command, chairs: Path, tmp_path: Path) -> None:
+    script = write_script(
+        tmp_path,
+        {"op": "scale", "factors": [1, 1, 1.5]},
+        {"op": "move", "part": "seat", "by": [0, 0, 0.05]},
+        {"op": "swap", "style_of": "chair_2"},
+    )
+    out = tmp_path / "out.ply"
+    told = json.loads(command("edit", chairs, "chair_1", script, out, "--resolution", "64"))
+    assert "edit" in told["seconds"]
+    session = Session(read_run(chairs))
+    state = session.edited(session.opened("chair_1"), parse(script.read_text(encoding="utf-8"))).present
+    corners = state.similarity.to_raw(state.cage.corners().reshape(-1, 3))
+    cell = 2.1 / 64 / 0.5
+    mesh = read_ply(out)
+    np.testing.assert_allclose(mesh.vertices.max(0), corners.max(0), atol=cell)
+    np.testing.assert_allclose(mesh.vertices.min(0), corners.min(0), atol=cell)
+    assert (mesh.vertices.max(0) <= corners.max(0) + 1e-3 * cell).all()
+    np.testing.assert_array_equal(state.latent, [2, 3])
+
+
+def test_a_swap_is_the_script_that_swaps(command: Command, chairs: Path, tmp_path: Path) -> None:
+    swapped, scripted = tmp_path / "swap.glb", tmp_path / "script.glb"
+    script = write_script(tmp_path, {"op": "swap", "style_of": "chair_2"})
+    command("swap", chairs, "chair_1", "chair_2", swapped, "--resolution", "32")
+    command("edit", chairs, "chair_1", script, scripted, "--resolution", "32")
+    assert swapped.read_bytes() == scripted.read_bytes()
+
+
+def test_a_mirrored_chair_has_a_mirrored_surface(command: Command, chairs: Path, tmp_path: Path) -> None:
+    command("extract", chairs, "chair_1", tmp_path / "out.ply", "--resolution", "48", "--symmetry", "x")
+    vertices = read_ply(tmp_path / "out.ply").vertices
+    middle = -0.1 / 0.5  # the canonical plane x = 0, in the user's frame
+    mirrored = np.column_stack([2 * middle - vertices[:, 0], vertices[:, 1:]])
+    order, other = np.lexsort(vertices.T.round(5)), np.lexsort(mirrored.T.round(5))
+    np.testing.assert_allclose(vertices[order], mirrored[other], atol=1e-5)
+
+
+def test_what_is_wrong_with_an_edit_is_said_and_nothing_is_written(
+    command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.ply"
+
+    def complaint(*operations: dict[str, Any]) -> str:
+        return command.complaint("edit", chairs, "chair_1", write_script(tmp_path, *operations), out)
+
+    assert "operation 1: swap: style_of 'chair_3'" in complaint(
+        {"op": "scale", "factors": [1, 1, 1]}, {"op": "swap", "style_of": "chair_3"}
+    )
+    assert "operation 0: move: part 'lag'" in complaint({"op": "move", "part": "lag", "by": [0, 0, 1]})
+    assert "no such file" in command.complaint("edit", chairs, "chair_1", tmp_path / "none.json", out)
+    (tmp_path / "bad.json").write_bytes(b"\xff")
+    assert "UTF-8" in command.complaint("edit", chairs, "chair_1", tmp_path / "bad.json", out)
+    assert "did you mean chair_" in command.complaint("swap", chairs, "chair_9", "chair_2", out)
+    cube = write_chairs(tmp_path / "runs" / "cube", points_of="cube")
+    assert "without cuboids" in command.complaint("swap", cube, "chair_1", "chair_2", out)
+    assert not out.exists()
+
+
+def test_parts_and_parameters_are_listed_by_the_names_that_scripts_use(command: Command, chairs: Path) -> None:
+    text = command("inspect", chairs, "--shape", "chair_1")
+    rows = {line.split()[0]: line for line in text.splitlines() if line.strip()}
+    assert "Base/Side/leg" in rows["leg_1"]
+    assert "leg_2" in rows["leg_1"]
+    assert rows["Chair.seat.y"].split()[1] == "0.05"
+    assert rows["Side.leg.translate1.span"].split()[1] == "0.9"
+    assert "did you mean chair_" in command.complaint("inspect", chairs, "--shape", "chair_0")

@@ -1,0 +1,313 @@
+"""What operations do, in laws: what undoes what, what commutes, what stays as it was."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import programs
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.editing.mirrors import mirrors
+from cagesdf.editing.operations import edited
+from cagesdf.editing.parts import parameters, part_names
+from cagesdf.editing.script import Blend, Move, Operation, Redo, Resize, Rotate, Scale, Set, Swap, Undo, parse
+from cagesdf.editing.state import State
+from cagesdf.errors import InputError
+from cagesdf.frames import UP_AXES, Similarity
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.executor import execute_nodes
+from cagesdf.structure.hierarchy import Node, PartHierarchy
+from cagesdf.structure.relations import Adjacency, Reflection
+
+# The user's z is up, and the unit is a tenth of the canonical one.
+Z_UP = Similarity(0.1, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
+STYLES = {"a": np.array([0, 1], np.float32), "b": np.array([2, -1], np.float32)}
+LABELS = {"Base/Side/leg": "leg", "Base/cube1/leg": "leg", "seat": "seat", "arm": "arm", "cube4": "arm"}
+
+
+def chair() -> State:
+    structure = Assembly(programs.CHAIR, Similarity(0.9, np.eye(3), np.array([0.02, -0.03, 0.01])), LABELS)
+    return State.opened(structure.cage(), structure, STYLES["a"], Z_UP)
+
+
+def turned(degrees: float) -> np.ndarray:
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+def jug() -> State:
+    """A body with two handles that mirror each other in an oblique plane; the left one's axes have other names."""
+    normal = np.array([0.6, 0, 0.8])
+    right = Cuboid(np.array([0.3, 0.1, 0.4]), turned(20), np.array([0.1, 0.5, 0.05]))
+    flip = np.eye(3) - 2 * np.outer(normal, normal)
+    naming = np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, -1]])  # improper, as the flip
+    left = Cuboid(flip @ right.centre, naming @ right.axes @ flip, np.abs(naming) @ right.size)
+    body = Cuboid(np.zeros(3), np.eye(3), np.array([0.4, 0.8, 0.4]))
+    leaves = tuple(Node(name, label, (), (), None) for name, label in (("1", "body"), ("2", "handle"), ("3", "handle")))
+    relation = Reflection("2", "3", (0.0, 0.0, 0.0), tuple(normal.tolist()))
+    structure = PartHierarchy(Node("0", "jug", leaves, (relation,), None))
+    return State.opened(Cage.of({"1": body, "2": right, "3": left}), structure, STYLES["b"], Z_UP)
+
+
+def do(state: State, *script: Operation) -> State:
+    return edited(state, script, STYLES).present
+
+
+def same(a: State, b: State) -> None:
+    np.testing.assert_allclose(a.cage.vectors(), b.cage.vectors(), atol=1e-11)
+
+
+def is_mirrored(state: State, a: str, b: str) -> None:
+    """Corner for corner, whatever their order."""
+    mirror = mirrors(state)[a][b]
+    images = np.array([mirror(corner) for corner in Cage.of({a: state.cage[a]}).corners()[0]])
+    corners = Cage.of({b: state.cage[b]}).corners()[0]
+    np.testing.assert_allclose(np.linalg.norm(images[:, None] - corners, axis=2).min(axis=1), 0, atol=1e-12)
+
+
+frames = st.sampled_from(["shape", "cuboid"])
+axes = st.sampled_from("xyz")
+lengths = st.floats(-0.8, 0.8)
+vectors = st.tuples(lengths, lengths, lengths)
+factors = st.floats(0.6, 1.6)
+OF_PARTS = st.one_of(
+    st.builds(Move, part=st.just("handle_1"), by=vectors, frame=frames),
+    st.builds(
+        Resize,
+        part=st.just("handle_1"),
+        axis=axes,
+        factor=factors,
+        frame=frames,
+        keep=st.sampled_from(["low", "centre", "high"]),
+    ),
+    st.builds(Rotate, part=st.just("handle_1"), axis=axes, angle=st.floats(-180, 180), frame=frames),
+)
+
+
+@settings(max_examples=20)
+@given(vectors, frames, st.booleans())
+def test_moving_there_and_back_changes_nothing(by: tuple, frame: Any, mirror: bool) -> None:
+    back = tuple(-way for way in by)
+    for state, part in ((chair(), "*"), (chair(), "leg*"), (jug(), "handle_2")):
+        there = Move(part=part, by=by, frame=frame, mirror=mirror)
+        same(do(state, there, Move(part=part, by=back, frame=frame, mirror=mirror)), state)
+
+
+@settings(max_examples=20)
+@given(axes, factors, st.sampled_from(["low", "centre", "high"]), st.floats(-180, 180))
+def test_stretching_and_turning_are_undone_by_their_inverse(axis: Any, factor: float, keep: Any, angle: float) -> None:
+    for state, part in ((chair(), "seat"), (jug(), "handle_1")):
+        there = Resize(part=part, axis=axis, factor=factor, keep=keep)
+        same(do(state, there, Resize(part=part, axis=axis, factor=1 / factor, keep=keep)), state)
+        there = Rotate(part=part, axis=axis, angle=angle)
+        same(do(state, there, Rotate(part=part, axis=axis, angle=-angle)), state)
+
+
+@settings(max_examples=20)
+@given(st.tuples(factors, factors, factors), st.tuples(factors, factors, factors))
+def test_scaling_an_upright_cage_commutes_and_composes(first: tuple, second: tuple) -> None:
+    state = chair()
+    upright = state.with_cage(replace(state.cage, axes=np.tile(np.eye(3), (len(state.cage), 1, 1))))
+    both = Scale(factors=tuple(a * b for a, b in zip(first, second)))
+    forth = do(upright, Scale(factors=first), Scale(factors=second))
+    same(forth, do(upright, Scale(factors=second), Scale(factors=first)))
+    same(forth, do(upright, both))
+
+
+@settings(max_examples=20)
+@given(factors, vectors)
+def test_scaling_alike_commutes_with_what_is_done_to_parts(factor: float, by: tuple) -> None:
+    scale = Scale(factors=(factor, factor, factor))
+    further = Move(part="leg*", by=tuple(factor * way for way in by))
+    same(do(chair(), Move(part="leg*", by=by), scale), do(chair(), scale, further))
+    turn = Rotate(part="arm", axis="y", angle=30)
+    same(do(chair(), turn, scale), do(chair(), scale, turn))
+    whole = Set(parameter="Chair.Base.y", value=0.6)
+    same(do(chair(), whole, scale), do(chair(), scale, whole))
+
+
+@settings(max_examples=20)
+@given(st.lists(OF_PARTS, max_size=4).map(tuple))
+def test_a_mirrored_pair_stays_mirrored_whatever_is_done_to_one(script: tuple) -> None:
+    state = do(jug(), *script)
+    is_mirrored(state, "2", "3")
+    assert np.array_equal(state.cage["1"].centre, jug().cage["1"].centre)
+    both = parse(f"[{','.join(operation.model_dump_json() for operation in script)}]".replace("handle_1", "handle_2"))
+    is_mirrored(do(jug(), *both), "2", "3")
+
+
+def test_mirrored_parts_of_a_program_follow_in_every_block() -> None:
+    state = do(chair(), Move(part="Base/Side/leg", by=(0.3, 0.2, 0.1)), Rotate(part="arm_1", axis="y", angle=20))
+    for a, b in (("Base/Side/leg", "Base/cube1/leg"), ("arm", "cube4")):
+        assert not np.allclose(Cage.of({a: state.cage[a]}).corners(), Cage.of({a: chair().cage[a]}).corners())
+        is_mirrored(state, a, b)
+    for untouched in ("seat", "back", "Base/Side/bar"):
+        assert np.array_equal(state.cage[untouched].centre, chair().cage[untouched].centre)
+
+
+def test_a_mirrored_part_is_left_alone_if_the_script_says_so_and_named_parts_do_as_they_are_told() -> None:
+    alone = do(jug(), Move(part="handle_1", by=(1, 0, 0), mirror=False))
+    assert np.array_equal(alone.cage["3"].centre, jug().cage["3"].centre)
+    both = do(jug(), Move(part="handle", by=(1, 0, 0)))
+    for part in ("2", "3"):
+        np.testing.assert_allclose(both.cage[part].centre - jug().cage[part].centre, [0.1, 0, 0], atol=1e-12)
+
+
+def raw_corners(state: State, part: str) -> np.ndarray:
+    return state.similarity.to_raw(Cage.of({part: state.cage[part]}).corners()[0])
+
+
+def test_operations_speak_of_the_users_axes_and_unit() -> None:
+    state, seat = chair(), "seat"
+    before = raw_corners(state, seat)
+    moved = raw_corners(do(state, Move(part=seat, by=(0.1, 0.2, 0.3))), seat)
+    np.testing.assert_allclose(moved - before, np.tile([0.1, 0.2, 0.3], (8, 1)), atol=1e-12)
+    for k, axis in enumerate("xyz"):
+        for frame in ("shape", "cuboid"):
+            for keep, end in (("low", np.min), ("high", np.max)):
+                wide = raw_corners(do(state, Resize(part=seat, axis=axis, factor=1.5, keep=keep, frame=frame)), seat)
+                wanted = np.ones(3)
+                wanted[k] = 1.5
+                np.testing.assert_allclose(np.ptp(wide, axis=0), np.ptp(before, axis=0) * wanted, atol=1e-12)
+                np.testing.assert_allclose(end(wide, axis=0)[k], end(before, axis=0)[k], atol=1e-12)
+    # A quarter turn about z takes the user's x to y.
+    quarter = raw_corners(do(state, Rotate(part=seat, axis="z", angle=90)), seat)
+    np.testing.assert_allclose(np.ptp(quarter, axis=0), np.ptp(before, axis=0)[[1, 0, 2]], atol=1e-12)
+    leaning = raw_corners(do(state, Rotate(part=seat, axis="z", angle=10, frame="shape")), seat)
+    middle = before.mean(axis=0)
+    c, s = np.cos(np.deg2rad(10)), np.sin(np.deg2rad(10))
+    wanted = (before - middle) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + middle
+    np.testing.assert_allclose(leaning, wanted, atol=1e-12)
+
+
+def test_a_group_is_turned_and_stretched_as_one_in_the_shapes_frame() -> None:
+    state = chair()
+    parts = [part for part, name in part_names(state.structure).items() if name.startswith("leg")]
+    before = np.array([raw_corners(state, part) for part in parts])
+    wide = do(state, Resize(part="leg_*", axis="x", factor=2, frame="shape", keep="low"))
+    after = np.array([raw_corners(wide, part) for part in parts])
+    low = before[..., 0].min()
+    np.testing.assert_allclose(after[..., 0].mean(1), low + 2 * (before[..., 0].mean(1) - low), atol=1e-9)
+    half = do(state, Rotate(part="leg_*", axis="z", angle=180, frame="shape"))
+    centre = (before.min(axis=(0, 1)) + before.max(axis=(0, 1))) / 2
+    for part, corners in zip(parts, before):
+        np.testing.assert_allclose(
+            raw_corners(half, part).mean(0)[:2], 2 * centre[:2] - corners.mean(0)[:2], atol=1e-12
+        )
+
+
+def gap(nodes: Cage, a: str, b: str) -> float:
+    """Between two cuboids, as a lattice of points finds it; 0 or less where they meet."""
+    lattice = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 9)] * 3), axis=-1).reshape(-1, 3)
+    points = nodes.from_unit(lattice, nodes.part_ids.index(a))
+    return float(nodes.signed_distance(points)[:, nodes.part_ids.index(b)].min())
+
+
+@settings(max_examples=40)
+@given(st.sampled_from(sorted(parameters(programs.CHAIR))), st.floats(0.85, 1.15))
+def test_what_is_attached_stays_attached_when_the_program_changes(name: str, factor: float) -> None:
+    state = chair()
+    value = parameters(programs.CHAIR)[name] * factor
+    placed = do(state, Set(parameter=name, value=value)).structure.placed_program()
+    assert placed is not None
+    assert parameters(placed[0])[name] == value
+    before, after = execute_nodes(programs.CHAIR), execute_nodes(placed[0])
+    for relation in state.structure.relations():
+        if isinstance(relation, Adjacency) and gap(before, relation.a, relation.b) <= 1e-9:
+            assert gap(after, relation.a, relation.b) <= 1e-9, relation
+
+
+def test_a_lower_base_takes_all_above_it_along_and_repeated_parts_follow() -> None:
+    state = chair()
+    low = do(state, Set(parameter="Chair.Base.y", value=0.3))
+    drop = 0.9 * (0.45 - 0.3)
+    np.testing.assert_allclose(low.cage["seat"].centre - state.cage["seat"].centre, [0, -drop, 0], atol=1e-9)
+    for leg in ("Base/Side/leg", "Base/cube1/leg", "Base/Side/cube2", "Base/Side/cube3"):
+        assert low.cage[leg].size[1] == pytest.approx(state.cage[leg].size[1] * 0.3 / 0.45)
+    np.testing.assert_allclose(low.cage.vectors(), low.structure.cage().vectors(), atol=1e-12)  # type: ignore[attr-defined]
+
+
+def test_what_was_moved_by_hand_stays_moved_when_the_program_changes_and_the_rest_to_the_last_bit() -> None:
+    state = do(chair(), Move(part="seat", by=(0.5, 0, 0), mirror=False))
+    low = do(state, Set(parameter="Chair.Base.y", value=0.3))
+    np.testing.assert_allclose(low.cage["seat"].centre - state.cage["seat"].centre, [0, -0.135, 0], atol=1e-9)
+    wider = do(state, Set(parameter="Chair.arm.y", value=0.06))
+    for part in ("seat", "back", "Base/Side/leg"):
+        assert (wider.cage[part].axes == state.cage[part].axes).all()
+        assert (wider.cage[part].centre == state.cage[part].centre).all()
+        assert (wider.cage[part].size == state.cage[part].size).all()
+
+
+def test_styles_are_swapped_and_blended_and_leave_the_cage_alone() -> None:
+    state = chair()
+    swapped = do(state, Swap(style_of="b"))
+    assert swapped.cage is state.cage
+    assert np.array_equal(swapped.latent, STYLES["b"])
+    for weight, latent in ((0.0, STYLES["a"]), (1.0, STYLES["b"]), (0.25, 0.75 * STYLES["a"] + 0.25 * STYLES["b"])):
+        blended = do(state, Blend(style_of="b", weight=weight))
+        assert blended.cage is state.cage
+        assert blended.latent.dtype == np.float32
+        np.testing.assert_allclose(blended.latent, latent)
+
+
+def test_undo_and_redo_restore_the_very_states() -> None:
+    state = chair()
+    script = (Move(part="seat", by=(0.1, 0, 0)), Swap(style_of="b"), Undo(), Undo(), Redo())
+    states = [edited(state, script[:i], STYLES) for i in range(len(script) + 1)]
+    assert states[4].present is state
+    assert states[5].future[0].latent is STYLES["b"]
+    np.testing.assert_array_equal(states[5].present.cage.vectors(), states[1].present.cage.vectors())
+    history = states[2]
+    assert history.undone().redone().present is history.present
+    forgotten = edited(state, (*script[:3], Swap(style_of="b")), STYLES)
+    assert not forgotten.future
+
+
+@pytest.mark.parametrize(
+    ("operation", "said"),
+    [
+        (Undo(), "nothing to take back"),
+        (Redo(), "nothing was taken back"),
+        (Move(part="log", by=(0, 0, 0)), "wanted one of seat"),
+        (Move(part="seat", by=(1e6, 0, 0)), "takes seat"),
+        (Move(part="seat", by=(0, 0, 100)), "wanted at most 20"),
+        (Resize(part="seat", axis="z", factor=0.01), "leaves seat 0.0045 thin; wanted 0.01 or more"),
+        (Swap(style_of="c"), "style_of 'c': none of the 2 styles"),
+        (Blend(style_of="c", weight=0.5), "style_of 'c'"),
+        (Set(parameter="Chair.seet.y", value=1), "did you mean Chair.seat.y"),
+        (Set(parameter="Chair.seat.y", value=-1), "positive"),
+        (Set(parameter="Chair.seat.y", value=1e6), "away"),
+    ],
+)
+def test_what_can_not_be_done_is_refused_with_its_place(operation: Operation, said: str) -> None:
+    script = (Swap(style_of="b"), operation) if not isinstance(operation, Undo) else (operation,)
+    with pytest.raises(InputError) as error:
+        edited(chair(), script, STYLES)
+    assert str(error.value).startswith(f"script: operation {len(script) - 1}: {operation.op}: ")
+    assert said in str(error.value)
+
+
+def test_cuboids_without_a_program_have_no_parameters() -> None:
+    with pytest.raises(InputError, match="no program"):
+        do(jug(), Set(parameter="jug.x", value=1))
+
+
+def test_parts_are_called_by_label_numbered_where_several_share_it_or_by_id() -> None:
+    names = part_names(chair().structure)
+    assert names["seat"] == "seat"
+    assert [names["Base/Side/leg"], names["Base/cube1/leg"], names["back"]] == ["leg_1", "leg_2", "back"]
+    assert part_names(jug().structure) == {"1": "body", "2": "handle_1", "3": "handle_2"}
+
+
+def test_parameters_have_a_name_each() -> None:
+    named = parameters(programs.CHAIR)
+    inner = 6  # lengths of the bboxes of Base and Side
+    assert len(named) == len(programs.CHAIR.parameters()) - inner
+    assert set(named.values()) == set(programs.CHAIR.parameters())
+    assert named["Chair.bbox.y"] == 1.0
+    assert named["Chair.back.attach2.z2"] == 0.02
+    assert named["Side.leg.squeeze1.v"] == 0.05
+    assert named["Side.leg.translate1.span"] == 0.9

@@ -1,0 +1,65 @@
+"""How well a run fits its shapes: against a loop over points, and without more than it must read."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spheres
+import torch
+
+from cagesdf.io.points import CHUNK, PointChunks, write_shard
+from cagesdf.models.arms import make_decoder
+from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.training import residuals
+from cagesdf.training.batches import cuboid_distance, own_cuboids
+from cagesdf.training.residuals import rest_residuals
+
+DECODER = make_decoder("LocalCageDecoder", 8, 3, 4, [8], 1, seed=0)
+LATENTS = LatentTable.drawn((("large", SHARED), ("small", SHARED)), 4, 1.0, seed=1)
+
+
+def shards(folder: Path) -> list[PointChunks]:
+    """Two shards of the same shapes, with points inside and outside of the cuboids."""
+    folder.mkdir()
+    pieces = [spheres.chunks((6, 4, 3, 5), reach=0.7, seed=seed) for seed in (0, 1)]
+    for i, piece in enumerate(pieces):
+        write_shard(folder / f"shard-{i:04d}.parquet", [piece], np.random.default_rng(i))
+    return pieces
+
+
+def slow(pieces: list[PointChunks], shape_id: str, reach: float) -> float:
+    """The mean over all points of a shape at rest that are within reach of their cuboid, one at a time."""
+    errors = []
+    for piece in pieces:
+        cuboids = own_cuboids(piece, spheres.sequences())
+        near = cuboid_distance(piece.xyz, cuboids) <= reach
+        for chunk in range(len(piece)):
+            if piece.shape_ids[piece.shape_id[chunk]] != shape_id or piece.step[chunk]:
+                continue
+            latent = LATENTS.values[LATENTS.row(shape_id, 0)][None]
+            for k in np.flatnonzero(near[chunk]):
+                point = torch.from_numpy(piece.xyz[chunk, k])[None, None]
+                with torch.no_grad():
+                    told = DECODER(point, latent, torch.from_numpy(cuboids[chunk])[None])
+                errors.append(abs(float(told) - float(piece.sdf[chunk, k])))
+    return float(np.mean(errors))
+
+
+@pytest.mark.parametrize(("points_of", "reach", "counted"), [("cage", 0.02, 0.02), ("cube", 0.02, np.inf)])
+def test_residuals_are_means_over_the_points_that_are_trained_on(
+    points_of: str, reach: float, counted: float, tmp_path: Path
+) -> None:
+    pieces = shards(tmp_path / "points")
+    found = rest_residuals(tmp_path / "points", DECODER, LATENTS, spheres.sequences(), points_of, reach)
+    assert list(found) == ["large", "small"]
+    for shape_id, value in found.items():
+        assert value == pytest.approx(slow(pieces, shape_id, counted), rel=1e-5)
+
+
+def test_no_more_chunks_of_a_shape_are_asked_than_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shards(tmp_path / "points")
+    monkeypatch.setattr(residuals, "CHUNKS", 2)
+    asked: list[int] = []
+    with DECODER.register_forward_hook(lambda _, given, __: asked.append(given[0].numel() // (3 * CHUNK))):
+        rest_residuals(tmp_path / "points", DECODER, LATENTS, spheres.sequences(), "cage", 0.02)
+    assert sum(asked) == 4

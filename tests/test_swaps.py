@@ -1,0 +1,116 @@
+"""Swaps with ground truth: recipes fill the cuboids they are given, and a swap that training showed isn't tried."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cagesdf.cuboid import Cage, Sequence
+from cagesdf.distance import SurfaceDistance
+from cagesdf.evaluation.swaps import box_warp, differ, in_style, swap_trial, swaps_of
+from cagesdf.importing import import_shape
+from cagesdf.meshes import Mesh, is_closed
+from cagesdf.shape import RawShape, Shape
+from cagesdf.solid import union
+from cagesdf.synthesis.dataset import build, cage_of, draw, draw_recipes
+from cagesdf.synthesis.recipe import Recipe
+
+
+def recipes_of(category: str) -> dict[str, Recipe]:
+    """The shapes of a small data set by id: of some families there are four."""
+    drawn = draw_recipes(category, 34, 0, np.random.default_rng(4))
+    return {recipe.shape_id: recipe for recipe in drawn}
+
+
+CHAIRS, VASES = recipes_of("chair"), recipes_of("vase")
+
+
+def shape_of(recipe: Recipe) -> tuple[Shape, Cage]:
+    """A shape as it is imported, and its cuboids as its recipe has them."""
+    raw = RawShape(recipe.shape_id, "train", tuple(build(recipe, recipe)), draw(recipe).structure)
+    shape = import_shape(raw, "y", 1e-5, 10**6, 100, 1e-4)
+    return shape, cage_of(recipe).transformed(shape.similarity)
+
+
+def sequences_of(recipes: dict[str, Recipe], targets: dict[str, str]) -> dict[str, Sequence]:
+    nowhere = Cage.of({})
+    return {name: Sequence(name, targets.get(name), np.zeros(1), (False,), (nowhere,)) for name in recipes}
+
+
+def apart(a: Mesh, b: Mesh) -> float:
+    return max(SurfaceDistance(x).unsigned(y.vertices).max() for x, y in ((a, b), (b, a)))
+
+
+def family(recipes: dict[str, Recipe], name: str) -> list[Recipe]:
+    return [recipe for recipe in recipes.values() if recipe.family == name]
+
+
+PAIRS = [family(CHAIRS, "panel")[:2], family(CHAIRS, "wire")[:2], family(VASES, "amphora")[:2]]
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: pair[0].family)
+def test_every_part_of_a_truth_fills_its_cuboid(pair: list[Recipe]) -> None:
+    a, b = pair
+    shape, rest = shape_of(a)
+    for cage in (rest, replace(rest, size=rest.size * [1.2, 0.9, 1.0])):
+        for i, mesh in enumerate(in_style(shape, cage, a, b.style)):
+            assert is_closed(mesh)
+            points = cage.to_unit(mesh.vertices, i)
+            assert np.allclose([points.min(axis=0), points.max(axis=0)], [[-0.5] * 3, [0.5] * 3], atol=1e-9)
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: pair[0].family)
+def test_in_its_own_style_a_shape_is_itself(pair: list[Recipe]) -> None:
+    a, b = pair
+    shape, rest = shape_of(a)
+    assert all(not differ(x, y.mesh) for x, y in zip(in_style(shape, rest, a, a.style), shape.parts))
+    trial = swap_trial(shape, rest, b.shape_id, {a.shape_id: a, b.shape_id: b})
+    assert (trial.kind, trial.shape_id, trial.style_of) == ("swap", a.shape_id, b.shape_id)
+    assert apart(trial.truth, union([part.mesh for part in shape.parts])) > 0.005
+
+
+def test_faces_of_parts_that_show_no_style_are_not_changed() -> None:
+    a, b = family(CHAIRS, "wire")[:2]
+    shape, rest = shape_of(a)
+    trial = swap_trial(shape, rest, b.shape_id, {a.shape_id: a, b.shape_id: b})
+    labels = np.array([part.label for part in shape.parts])[rest.assign(trial.truth.corners().mean(axis=1))[0]]
+    # The bow's cuboid holds the spindles too; legs are where nothing else is.
+    assert not trial.changed[labels == "spindle"].any()
+    assert trial.changed[labels == "leg"].mean() > 0.95
+
+
+def test_a_shape_warped_onto_its_own_cuboids_is_itself_and_onto_others_fills_them() -> None:
+    a, b = family(CHAIRS, "panel")[:2]
+    (shape, rest), (other, cage) = shape_of(a), shape_of(b)
+    own = box_warp(shape, rest, shape, rest)
+    assert apart(own, union([part.mesh for part in shape.parts])) == pytest.approx(0, abs=1e-9)
+    warped = box_warp(other, cage, shape, rest)
+    assert np.allclose(np.ptp(warped.vertices, axis=0), np.ptp(rest.corners().reshape(-1, 3), axis=0), rtol=0.1)
+
+
+def test_swaps_stay_in_a_family_and_change_the_style() -> None:
+    pairs = swaps_of(CHAIRS, sequences_of(CHAIRS, {}))
+    assert pairs
+    for a, b in pairs:
+        assert CHAIRS[a].family == CHAIRS[b].family
+        assert CHAIRS[a].style != CHAIRS[b].style
+        assert CHAIRS[a].proportions != CHAIRS[b].proportions
+
+
+def test_a_style_that_a_step_showed_on_a_cage_is_not_tried_on_it() -> None:
+    first, second, third, fourth = family(CHAIRS, "panel")[:4]
+    # The third has the cage of the first, the fourth the style of the second.
+    assert third.proportions == first.proportions
+    assert fourth.style == second.style
+    pairs = swaps_of(CHAIRS, sequences_of(CHAIRS, {}))
+    assert (first.shape_id, third.shape_id) not in pairs
+    assert (first.shape_id, second.shape_id) in pairs
+    assert (fourth.shape_id, second.shape_id) not in pairs
+    # Once the second is deformed towards the third's cage, neither shape of that cage takes its style, whose-ever.
+    shown = swaps_of(CHAIRS, sequences_of(CHAIRS, {second.shape_id: third.shape_id}))
+    lost = {(cage.shape_id, style.shape_id) for cage in (first, third) for style in (second, fourth)}
+    assert set(pairs) - set(shown) == lost
+
+
+def test_shapes_without_recipes_have_no_swaps() -> None:
+    assert swaps_of({}, sequences_of(CHAIRS, {})) == []
