@@ -70,7 +70,7 @@ def measured(arm: str, category: str, run: Path, cells: int, work: Path) -> dict
     shapes, sequences = (Path("data") / kind / category for kind in ("shapes", "sequences"))
     meshes, scores = work / "meshes" / arm, work / "scores" / arm
     extract_meshes.main(run, meshes, load("extract_meshes").model_copy(update={"resolution": cells, "sources": 1}))
-    evaluate.main(meshes, shapes, sequences, scores, load("evaluate"))
+    evaluate.main(meshes.parent, shapes, sequences, scores, load("evaluate"))
     row = gather_tables({category: [read_scores(scores)]})["table2"][category][arm]
     return {metric: row[metric]["mean"] for metric in METRICS}
 

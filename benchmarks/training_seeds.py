@@ -25,10 +25,10 @@ def measured(category: str, arm: str, seed: int, work: Path) -> dict:
     """Tables 1 and 2 of one arm, trained with one seed."""
     names = ("points", "shapes", "cuboids", "sequences")
     points, shapes, cuboids, sequences = (Path("data") / name / category for name in names)
-    run, meshes, scores = (work / kind / str(seed) / arm for kind in ("runs", "meshes", "scores"))
+    run, meshes, scores = (work / kind / f"{arm}-{seed}" / arm for kind in ("runs", "meshes", "scores"))
     train.main(points, shapes, cuboids, sequences, run, load(f"arms.{arm}").model_copy(update={"seed": seed}))
     extract_meshes.main(run, meshes, load("extract_meshes"))
-    evaluate.main(meshes, shapes, sequences, scores, load("evaluate"))
+    evaluate.main(meshes.parent, shapes, sequences, scores, load("evaluate"))
     return gather_tables({category: [read_scores(scores)]})
 
 

@@ -80,6 +80,16 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
+def inside(folder: Path, kind: str) -> dict[str, Path]:
+    """The artefacts of a kind in a folder, by name, sorted. Raises ArtefactError if there is none, or another one."""
+    found = {path.name: path for path in sorted(folder.glob("*")) if (path / MANIFEST).is_file()}
+    kinds = {name: read_manifest(path)["kind"] for name, path in found.items()}
+    if set(kinds.values()) != {kind}:
+        got = ", ".join(f"{name}: {other}" for name, other in kinds.items() if other != kind) or "no artefact"
+        raise ArtefactError(f"{folder}: wanted folders of kind {kind!r}, got {got}; check the order of the paths")
+    return found
+
+
 def _checked(path: Path, kind: str, version: int) -> Path:
     manifest = read_manifest(path)
     if manifest["kind"] != kind:

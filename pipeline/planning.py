@@ -169,7 +169,7 @@ def _measured(
             seconds = min(seconds, _timed(run, arguments, params, clock))
         counts = Counts.of(sections)
         items = {"surfaces": counts.surfaces, "trials": counts.trials}.get(_unit(stage), SHAPES)
-        if stage in ("extract_meshes", "evaluate") and sections[f"arms.{arm}"].latents == "deformed":
+        if stage == "extract_meshes" and sections[f"arms.{arm}"].latents == "deformed":
             items = min(sections["extract_meshes"].sources, SHAPES)
     out = next(path for path in reversed(arguments) if isinstance(path, Path))
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())

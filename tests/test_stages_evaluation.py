@@ -104,7 +104,7 @@ def run(inputs: Path, out: Path) -> Path:
     shapes, sequences = inputs / "shapes", inputs / "sequences"
     for arm in ARMS:
         extract_meshes.main(inputs / "runs" / arm, out / "meshes" / arm, EXTRACT)
-        evaluate.main(out / "meshes" / arm, shapes, sequences, out / "scores" / arm, EVALUATE)
+    evaluate.main(out / "meshes", shapes, sequences, out / "scores" / "arms", EVALUATE)
     evaluate_references.main(shapes, sequences, out / "scores" / "references", REFERENCES)
     return out
 
@@ -148,7 +148,7 @@ def test_progress_is_measured_at_snapshots_and_at_the_end(inputs: Path, tmp_path
 
 def test_references_are_measured_on_the_steps_that_are_extracted(done: Path) -> None:
     rows, _ = read_scores(done / "scores" / "references")
-    arm, _ = read_scores(done / "scores" / "cagesdf")
+    arm, _ = read_scores(done / "scores" / "arms")
     keys = [(row["shape_id"], row["step"], row["seed"]) for row in arm["cagesdf"]]
     assert len(keys) == 3 * 2
     for name in ("cage", "ground_truth"):
@@ -185,6 +185,6 @@ def test_the_same_inputs_give_the_same_bytes_with_two_workers(
 def test_inputs_of_another_kind_are_refused(done: Path, inputs: Path, tmp_path: Path) -> None:
     with pytest.raises(ArtefactError, match="wanted 'run'"):
         extract_meshes.main(inputs / "shapes", tmp_path / "meshes", EXTRACT)
-    with pytest.raises(ArtefactError, match="wanted 'meshes'"):
-        evaluate.main(inputs / "shapes", inputs / "shapes", inputs / "sequences", tmp_path / "scores", EVALUATE)
+    with pytest.raises(ArtefactError, match="wanted folders of kind 'meshes', got cagesdf: run"):
+        evaluate.main(inputs / "runs", inputs / "shapes", inputs / "sequences", tmp_path / "scores", EVALUATE)
     assert not list(tmp_path.iterdir())
