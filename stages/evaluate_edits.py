@@ -1,9 +1,9 @@
-"""Try an arm on edits whose true outcome is known.
+"""Try all arms on edits whose true outcome is known.
 
-python -m stages.evaluate_edits data/runs/chair/cagesdf data/trials/chair data/edits/chair/cagesdf
+python -m stages.evaluate_edits data/runs/chair data/trials/chair data/edits/chair
 """
 
-import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -20,44 +20,48 @@ from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import Mesh
 from pipeline import EditsParams, artefact, item_rng, parallel_map, run_stage
 
+Surfaces = dict[tuple[str, str], Mesh]  # by arm and trial
 
-def main(run: Path, trials: Path, out: Path, params: EditsParams) -> None:
-    """Read `run` and `trials/`, write `edits/`; an arm that has no cuboids to edit gets no row."""
-    started = time.perf_counter()
-    with artefact.write("edits", out, inputs={"run": run, "trials": trials}, params=params) as folder:
-        trained, source = read_run(run), read_trials(trials)
-        shapes: dict[str, list[str]] = {}
+
+def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:
+    """Read the runs of a category and `trials/`, write `edits/`; an arm that has no cuboids to edit gets no row."""
+    folders = artefact.inside(runs, "run")
+    manifests = {arm: folder / artefact.MANIFEST for arm, folder in folders.items()}
+    with artefact.write("edits", out, inputs={"trials": trials}, params=params, foreign=manifests) as folder:
+        arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).params["points_of"] == "cage"}
+        source = read_trials(trials)
+        of_shape: dict[str, list[str]] = {}
         for trial_id, row in source.rows.items():
-            shapes.setdefault(row["shape_id"], []).append(trial_id)
-        todo = list(shapes.values()) if trained.params["points_of"] == "cage" else []
-        try_some = partial(try_arm, run.name, trained, source, params)
-        torch.set_num_threads(1)  # a thread a process, also where all is done in this one
-        done, _ = parallel_map(try_some, todo, rejects=ShapeRejected, label="evaluate_edits")
+            of_shape.setdefault(row["shape_id"], []).append(trial_id)
+        try_some = partial(try_arms, arms, source, params)
+        done, _ = parallel_map(try_some, list(of_shape.values()), rejects=ShapeRejected, label="evaluate_edits")
         references, about = read_edits(trials / "references.parquet")
-        rows = with_gains([row for some, _ in done for row in some], references)
-        write_edits(folder / "edits.parquet", rows, about)
-        write_edit_surfaces(folder, {name: mesh for _, some in done for name, mesh in some.items()})
-    print(f"{run.name}: {len(rows)} trials in {time.perf_counter() - started:.1f} s")
+        write_edits(folder / "edits.parquet", with_gains([row for rows, _ in done for row in rows], references), about)
+        write_edit_surfaces(folder, {key: mesh for _, surfaces in done for key, mesh in surfaces.items()})
 
 
-def try_arm(
-    arm: str, run: Run, source: TrialFolder, params: EditsParams, trial_ids: list[str]
-) -> tuple[list[Row], dict[str, Mesh]]:
-    """Rows of all trials of one shape, and the surfaces of its swaps."""
+def try_arms(
+    arms: Mapping[str, Run], source: TrialFolder, params: EditsParams, trial_ids: list[str]
+) -> tuple[list[Row], Surfaces]:
+    """Rows of all arms in all trials of one shape, and their surfaces in its swaps."""
+    torch.set_num_threads(1)  # a thread a process, also where all is done in this one
     about = source.definitions
     trials = [source.read(trial_id) for trial_id in trial_ids]
-    surfaces = {trial.trial_id: surface_of(run, params, trial) for trial in trials}
+    surfaces = {(arm, trial.trial_id): surface_of(run, params, trial) for arm, run in arms.items() for trial in trials}
     rest = next((trial for trial in trials if trial.kind == "rest"), None)
     rows = []
     for trial in trials:
-        surface = surfaces[trial.trial_id]
         truth = Truth(trial.truth, trial.cage, about["detail"])
-        rng = item_rng(about["seed"], "measure", trial.trial_id)
-        figures = measure(surface, trial, truth, about["points"], rng)
-        if trial.kind == "local" and rest is not None:
-            figures |= locality(surfaces[rest.trial_id], surface, rest.cage, trial, truth, about["points"], rng)
-        rows.append(edit_row(arm, trial, figures))
-    return rows, {trial.trial_id: surfaces[trial.trial_id] for trial in trials if trial.kind == "swap"}
+        for arm in arms:
+            surface = surfaces[arm, trial.trial_id]
+            rng = item_rng(about["seed"], "measure", trial.trial_id)
+            figures = measure(surface, trial, truth, about["points"], rng)
+            if trial.kind == "local" and rest is not None:
+                before = surfaces[arm, rest.trial_id]
+                figures |= locality(before, surface, rest.cage, trial, truth, about["points"], rng)
+            rows.append(edit_row(arm, trial, figures))
+    swaps = {trial.trial_id for trial in trials if trial.kind == "swap"}
+    return rows, {(arm, trial_id): mesh for (arm, trial_id), mesh in surfaces.items() if trial_id in swaps}
 
 
 def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:

@@ -6,9 +6,7 @@ python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboi
 
 import json
 from pathlib import Path
-from typing import Any
 
-from cagesdf.evaluation.edits import Row
 from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 from cagesdf.io.edits import read_edits
 from cagesdf.io.progress import read_progress
@@ -43,13 +41,16 @@ def main(
             *score_folders[name],
             *inside(meshes / name),
             *inside(runs / name),
-            *inside(edits / name),
+            edits / name,
             trials / name,
             progress / name,
         ]
     }
     tables = gather_tables({name: [read_scores(folder) for folder in score_folders[name]] for name in names})
-    tables["edits"] = gather_edits({name: edited(trials / name, inside(edits / name)) for name in names})
+    tables["edits"] = gather_edits(
+        {name: [read_edits(file) for file in edited(edits / name, trials / name)] for name in names},
+        {name: [folder.name for folder in inside(runs / name)] for name in names},
+    )
     tables["progress"] = gather_progress({name: read_progress(progress / name) for name in names}, params.rates)
     tables["trials"] = {name: read_trials(trials / name).counts() for name in names}
     categories = [
@@ -60,7 +61,7 @@ def main(
             trials / name,
             {folder.name: folder for folder in inside(meshes / name)},
             {folder.name: folder for folder in inside(runs / name)},
-            {folder.name: folder for folder in inside(edits / name)},
+            edits / name,
             params.shapes,
         )
         for name in names
@@ -73,10 +74,9 @@ def main(
         write_page(folder / "index.html", tables, categories, params.image_size)
 
 
-def edited(trials: Path, arms: list[Path]) -> dict[str, tuple[list[Row], dict[str, Any]]]:
-    """Rows of edits of all arms and of the references, by name, and what they mean."""
-    files = {folder.name: folder / "edits.parquet" for folder in arms} | {"references": trials / "references.parquet"}
-    return {name: read_edits(path) for name, path in files.items()}
+def edited(edits: Path, trials: Path) -> tuple[Path, Path]:
+    """Figures of edits: the arms', and the references'."""
+    return edits / "edits.parquet", trials / "references.parquet"
 
 
 def inside(folder: Path) -> list[Path]:

@@ -56,7 +56,7 @@ def test_the_pipeline_runs_then_is_up_to_date_then_reruns_only_what_depends_on_a
     (folder / "settings.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
     workspace.make_workspace(folder, {}, GRAPH)
     assert stages_run(repro(folder)) == {
-        "train@chair-deepsdf", "extract_meshes@chair-deepsdf", "evaluate@chair", "evaluate_edits@chair-deepsdf",
+        "train@chair-deepsdf", "extract_meshes@chair-deepsdf", "evaluate@chair", "evaluate_edits@chair",
         "evaluate_progress@chair", "report",
     }  # fmt: skip
 

@@ -322,11 +322,11 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             (out / "log.jsonl").write_text(
                 '{"step": 20.0, "loss": 0.5}\n{"step": 40.0, "loss": 0.25}\n', encoding="utf-8"
             )
-        rows = [] if arm == "deepsdf" else [edit(arm, shapes[i], shapes[i - 1], gain) for i, gain in enumerate(GAINS)]
-        with artefact.write("edits", folder / "edits" / "stool" / arm, inputs={}, params=PARAMS) as out:
-            write_edits(out / "edits.parquet", rows, {"version": 1})
-            write_edit_surfaces(out, {row["trial_id"]: toy.ball([0, 0, 0], 1) for row in rows})
         write_rows(folder / "scores" / "stool" / arm, [(arm, s.shape_id, step) for s in sequences for step in steps])
+    with artefact.write("edits", folder / "edits" / "stool", inputs={}, params=PARAMS) as out:
+        rows = [edit("cagesdf", shapes[i], shapes[i - 1], gain) for i, gain in enumerate(GAINS)]
+        write_edits(out / "edits.parquet", rows, {"version": 1})
+        write_edit_surfaces(out, {("cagesdf", row["trial_id"]): toy.ball([0, 0, 0], 1) for row in rows})
     with artefact.write("trials", folder / "trials" / "stool", inputs={}, params=PARAMS) as out:
         parts = [[part.mesh for part in shape.parts] for shape in shapes]
         trials = [
@@ -404,9 +404,8 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
 
 def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
     places = {"cagesdf": data / "meshes" / "stool" / "cagesdf"}
-    category = read_category(
-        *(data / kind / "stool" for kind in ("shapes", "cuboids", "sequences", "trials")), places, {}, {}, 9
-    )
+    sources = (data / kind / "stool" for kind in ("shapes", "cuboids", "sequences", "trials"))
+    category = read_category(*sources, places, {}, data / "edits" / "stool", 9)
     assert category.comparison.names == ("stool_0", "stool_1", "stool_2")
     heights = [np.ptp(scene.points()[:, 1]) for scene in category.sequence.scenes[1] if scene]
     assert heights[2] == pytest.approx(1.4 * heights[0])
@@ -414,15 +413,15 @@ def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
     assert [scene is None for scene in category.sequence.scenes[2]] == [False, False, True]
 
 
-def test_the_swaps_shown_are_those_of_median_and_of_least_gain(data: Path) -> None:
-    edits = {arm: data / "edits" / "stool" / arm for arm in ("deepsdf", "cagesdf")}
-    grid = swaps(read_shapes(data / "shapes" / "stool"), read_trials(data / "trials" / "stool"), edits)
+def test_the_swaps_shown_are_those_of_median_and_of_least_gain(data: Path, tmp_path: Path) -> None:
+    shapes, trials = read_shapes(data / "shapes" / "stool"), read_trials(data / "trials" / "stool")
+    grid = swaps(shapes, trials, data / "edits" / "stool")
     assert grid.columns == ("cuboids of", "style of", "cagesdf", "ground truth")
     assert grid.names == (
         "median gain, 0.50: stool_2 in the style of stool_1", "least gain, -1.00: stool_1 in the style of stool_0",
     )  # fmt: skip
-    nothing = swaps(read_shapes(data / "shapes" / "stool"), read_trials(data / "trials" / "stool"), {})
-    assert nothing == NOTHING or nothing.scenes == ()
+    write_edits(tmp_path / "edits.parquet", [], {"version": 1})
+    assert swaps(shapes, trials, tmp_path).scenes == ()
 
 
 def test_parts_of_one_label_share_a_colour_and_unlabelled_parts_have_their_own() -> None:

@@ -94,8 +94,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(inputs: Path, out: Path) -> Path:
     make_trials.main(inputs / "raw", inputs / "shapes", inputs / "sequences", out / "trials", TRIALS)
-    for arm in ARMS:
-        evaluate_edits.main(inputs / "runs" / arm, out / "trials", out / "edits" / arm, EDITS)
+    evaluate_edits.main(inputs / "runs", out / "trials", out / "edits", EDITS)
     return out
 
 
@@ -144,7 +143,7 @@ def test_references_stand_where_they_must(done: Path) -> None:
 
 
 def test_an_arm_has_a_row_a_trial_and_one_without_cuboids_has_none(done: Path) -> None:
-    rows, about = read_edits(done / "edits" / "cagesdf" / "edits.parquet")
+    rows, about = read_edits(done / "edits" / "edits.parquet")
     trials = read_trials(done / "trials")
     assert [row["trial_id"] for row in rows] == sorted(trials.rows)
     assert about == trials.definitions
@@ -152,10 +151,8 @@ def test_an_arm_has_a_row_a_trial_and_one_without_cuboids_has_none(done: Path) -
         assert row["arm"] == "cagesdf"
         assert row["refit"] < 20, "it fills its cuboids"
         assert np.isnan(row["gain"]) == (row["kind"] != "swap")
-    assert read_edits(done / "edits" / "deepsdf" / "edits.parquet")[0] == []
-    references = read_edits(done / "trials" / "references.parquet")
-    files = {arm: read_edits(done / "edits" / arm / "edits.parquet") for arm in ARMS}
-    table = gather_edits({"vase": {**files, "references": references}})["categories"]["vase"]
+    files = [(rows, about), read_edits(done / "trials" / "references.parquet")]
+    table = gather_edits({"vase": files}, {"vase": ARMS})["categories"]["vase"]
     assert sorted(table) == ["box_warp", "cagesdf", "deepsdf", "ground_truth", "unchanged"]
     assert table["deepsdf"] == {}
     assert table["cagesdf"]["all"]["refit"]["n"] == len(rows)
@@ -164,9 +161,9 @@ def test_an_arm_has_a_row_a_trial_and_one_without_cuboids_has_none(done: Path) -
 def test_surfaces_of_swaps_are_kept(done: Path) -> None:
     for row in read_trials(done / "trials").rows.values():
         if row["kind"] == "swap":
-            assert is_closed(read_edit_surface(done / "edits" / "cagesdf", row["trial_id"]))
-    with pytest.raises(InputError, match="has no surface of 'rest"):
-        read_edit_surface(done / "edits" / "cagesdf", f"rest/{RECIPES[0].shape_id}")
+            assert is_closed(read_edit_surface(done / "edits", "cagesdf", row["trial_id"]))
+    with pytest.raises(InputError, match="has no surface of cagesdf in 'rest"):
+        read_edit_surface(done / "edits", "cagesdf", f"rest/{RECIPES[0].shape_id}")
 
 
 @pytest.mark.slow
@@ -191,4 +188,4 @@ def test_shapes_from_elsewhere_have_all_trials_but_swaps(inputs: Path, tmp_path:
 
 def test_a_run_in_the_place_of_trials_is_refused(inputs: Path, tmp_path: Path) -> None:
     with pytest.raises(ArtefactError, match="wanted 'trials'"):
-        evaluate_edits.main(inputs / "runs" / "cagesdf", inputs / "runs" / "cagesdf", tmp_path / "out", EDITS)
+        evaluate_edits.main(inputs / "runs", inputs / "runs" / "cagesdf", tmp_path / "out", EDITS)

@@ -73,7 +73,7 @@ def test_edits_are_told_by_kind_with_quartiles_and_the_share_of_gains() -> None:
     gains = [-1.0, 0.0, 0.25, 0.5, 1.0]
     rows = [edit(f"swap/{i}", "swap", gain=gain, refit=2.0) for i, gain in enumerate(gains)]
     rows.append(edit("rest/a", "rest", refit=8.0, distance=0.5))
-    table = gather_edits({"chair": {"cagesdf": (rows, ABOUT)}})
+    table = gather_edits({"chair": [(rows, ABOUT)]}, {"chair": []})
     assert table["about"] == ABOUT
     kinds = table["categories"]["chair"]["cagesdf"]
     assert kinds["swap"]["gain"] == {
@@ -86,16 +86,16 @@ def test_edits_are_told_by_kind_with_quartiles_and_the_share_of_gains() -> None:
 
 
 def test_an_arm_that_cannot_be_edited_stands_in_the_table_without_figures() -> None:
-    files = {"deepsdf": ([], ABOUT), "references": ([edit("rest/a", "rest", refit=0.0) | {"arm": "box_warp"}], ABOUT)}
-    table = gather_edits({"chair": files})["categories"]["chair"]
+    files = [([edit("rest/a", "rest", refit=0.0) | {"arm": "box_warp"}], ABOUT)]
+    table = gather_edits({"chair": files}, {"chair": ["deepsdf"]})["categories"]["chair"]
     assert table["deepsdf"] == {}
     assert sorted(table) == ["box_warp", "deepsdf"]
-    assert gather_edits({}) == {"about": {}, "categories": {}}
+    assert gather_edits({}, {}) == {"about": {}, "categories": {}}
 
 
 def test_edits_that_were_measured_in_other_ways_are_not_put_side_by_side() -> None:
     with pytest.raises(InputError, match="measured alike"):
-        gather_edits({"chair": {"a": ([], ABOUT), "b": ([], {**ABOUT, "version": 2})}})
+        gather_edits({"chair": [([], ABOUT), ([], {**ABOUT, "version": 2})]}, {"chair": []})
 
 
 def course(arm: str, points: int, distance: float) -> dict[str, object]:

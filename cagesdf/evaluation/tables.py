@@ -83,25 +83,25 @@ def gather_progress(files: Mapping[str, tuple[Rows, Mapping[str, Any]]], rates: 
     return {"about": dict(about[0]) if about else {}, "categories": categories}
 
 
-def gather_edits(files: Mapping[str, Mapping[str, tuple[Rows, Mapping[str, Any]]]]) -> dict[str, Any]:
+def gather_edits(
+    files: Mapping[str, Sequence[tuple[Rows, Mapping[str, Any]]]], arms: Mapping[str, Iterable[str]]
+) -> dict[str, Any]:
     """`{"about": …, "categories": {category: {arm: {kind: {figure: {"median", "q25", "q75", …}}}}}}`.
 
-    `files[category][name]` are a file's contents: rows as `edit_row` gives them, and what they mean. An arm
-    without any row, named like its file, can't be edited and has no kinds. The kind `all` has OF_ALL over all trials.
+    `files[category]` are files' contents: rows as `edit_row` gives them, and what they mean. One of the `arms`
+    of a category without any row can't be edited and has no kinds. The kind `all` has OF_ALL over all trials.
 
     Raises InputError if two files were not measured alike.
     """
-    about = [definitions for by_name in files.values() for _, definitions in by_name.values()]
+    about = [definitions for some in files.values() for _, definitions in some]
     if any(other != about[0] for other in about):
         raise InputError("edits: wanted files that were all measured alike; rerun make_trials and evaluate_edits")
     categories = {}
-    for category, by_name in sorted(files.items()):
-        arms: dict[str, list[Mapping[str, Any]]] = {}
-        for name, (rows, _) in by_name.items():
-            listed = list(rows)
-            for arm in dict.fromkeys(row["arm"] for row in listed) or [name]:
-                arms[arm] = [row for row in listed if row["arm"] == arm]
-        categories[category] = {arm: summarise_edits(rows) for arm, rows in sorted(arms.items())}
+    for category, some in sorted(files.items()):
+        of_arm: dict[str, list[Mapping[str, Any]]] = {arm: [] for arm in arms[category]}
+        for row in (row for rows, _ in some for row in rows):
+            of_arm.setdefault(row["arm"], []).append(row)
+        categories[category] = {arm: summarise_edits(rows) for arm, rows in sorted(of_arm.items())}
     return {"about": dict(about[0]) if about else {}, "categories": categories}
 
 

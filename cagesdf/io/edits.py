@@ -1,6 +1,6 @@
-"""`edits/`: what an arm made of the trials.
+"""`edits/`: what the arms made of the trials.
 
-edits.parquet     one row a trial
+edits.parquet     one row an arm and trial
 surfaces.parquet  the surfaces of swaps, a row group each
 """
 
@@ -42,8 +42,9 @@ EDITS = Layout(
 )
 SURFACES = Layout(
     "edit_surfaces",
-    1,
+    2,
     (
+        Column("arm", pa.string(), "what gave the surface"),
         Column("trial_id", pa.string(), "the swap"),
         Column("vertices", pa.list_(pa.float32()), "x, y, z of each vertex in turn"),
         Column("faces", pa.list_(pa.int32()), "three vertex indices of each face in turn, outwards"),
@@ -64,11 +65,12 @@ def read_edits(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     return EDITS.read(path), read_block(EDITS.open(path).schema_arrow, path)["definitions"]
 
 
-def write_edit_surfaces(folder: Path, surfaces: Mapping[str, Mesh]) -> None:
-    """Write surfaces by trial, sorted; positions are rounded to float32."""
+def write_edit_surfaces(folder: Path, surfaces: Mapping[tuple[str, str], Mesh]) -> None:
+    """Write surfaces by arm and trial, sorted; positions are rounded to float32."""
     with pq.ParquetWriter(folder / "surfaces.parquet", SURFACES.schema(), **COMPRESSION) as writer:
-        for trial_id, mesh in sorted(surfaces.items()):
+        for (arm, trial_id), mesh in sorted(surfaces.items()):
             row = {
+                "arm": arm,
                 "trial_id": trial_id,
                 "vertices": mesh.vertices.astype(np.float32).ravel(),
                 "faces": mesh.faces.ravel(),
@@ -76,12 +78,13 @@ def write_edit_surfaces(folder: Path, surfaces: Mapping[str, Mesh]) -> None:
             writer.write_table(SURFACES.table([row]))
 
 
-def read_edit_surface(folder: Path, trial_id: str) -> Mesh:
-    """The surface of one swap. Raises InputError if there is none."""
+def read_edit_surface(folder: Path, arm: str, trial_id: str) -> Mesh:
+    """An arm's surface in one swap. Raises InputError if there is none."""
     file = SURFACES.open(folder / "surfaces.parquet")
-    names = file.read(columns=["trial_id"])["trial_id"].to_pylist()
-    if trial_id not in names:
-        raise InputError(f"{folder}: has no surface of {trial_id!r}; rerun evaluate_edits")
-    table = file.read_row_group(names.index(trial_id))
+    keys = file.read(columns=["arm", "trial_id"]).to_pylist()
+    key = {"arm": arm, "trial_id": trial_id}
+    if key not in keys:
+        raise InputError(f"{folder}: has no surface of {arm} in {trial_id!r}; rerun evaluate_edits")
+    table = file.read_row_group(keys.index(key))
     vertices, faces = (table[name][0].values.to_numpy() for name in ("vertices", "faces"))
     return Mesh(vertices.reshape(-1, 3).astype(np.float64), faces.reshape(-1, 3))

@@ -32,7 +32,7 @@ def read_category(
     trials: Path,
     meshes: Mapping[str, Path],
     runs: Mapping[str, Path],
-    edits: Mapping[str, Path],
+    edits: Path,
     count: int,
 ) -> Category:
     """Gather one category from its artefacts, those of the arms by arm; it is named like `shapes`' folder.
@@ -57,7 +57,7 @@ def read_category(
         deformation(source, deformations[_liveliest(deformations, arms)], arms)
         if deformations
         else Grid((), (), (), ()),
-        swaps(source, read_trials(trials), {arm: edits[arm] for arm in in_order(edits)}),
+        swaps(source, read_trials(trials), edits),
         {arm: read_losses(runs[arm]) for arm in in_order(runs)},
     )
 
@@ -114,21 +114,19 @@ def deformation(source: ShapeFolder, sequence: Deformation, arms: Mapping[str, S
     )
 
 
-def swaps(source: ShapeFolder, trials: TrialFolder, edits: Mapping[str, Path]) -> Grid:
+def swaps(source: ShapeFolder, trials: TrialFolder, edits: Path) -> Grid:
     """The swaps of median and of least gain of the first arm that has any: both shapes, each such arm, the truth."""
-    rows = {
-        arm: [row for row in read_edits(path / "edits.parquet")[0] if row["kind"] == "swap"]
-        for arm, path in edits.items()
-    }
-    arms = [arm for arm, some in rows.items() if some]
+    rows = [row for row in read_edits(edits / "edits.parquet")[0] if row["kind"] == "swap"]
+    arms = in_order({row["arm"] for row in rows})
     if not arms:
         return Grid((), (), (), ())
-    ranked = sorted((row for row in rows[arms[0]] if not math.isnan(row["gain"])), key=lambda row: row["gain"])
+    first = [row for row in rows if row["arm"] == arms[0] and not math.isnan(row["gain"])]
+    ranked = sorted(first, key=lambda row: row["gain"])
     scenes, names = [], []
     for what, row in (("median", ranked[len(ranked) // 2]), ("least", ranked[0])):
         shown = [
             *(join([part.mesh for part in source.read(row[name]).parts]) for name in ("shape_id", "style_of")),
-            *(read_edit_surface(edits[arm], row["trial_id"]) for arm in arms),
+            *(read_edit_surface(edits, arm, row["trial_id"]) for arm in arms),
             trials.read(row["trial_id"]).truth,
         ]
         scenes.append(tuple(Scene((mesh,), (CLAY,)) for mesh in shown))
