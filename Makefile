@@ -3,6 +3,7 @@
 PYTHON ?= python3
 BIN := $(CURDIR)/.venv/bin
 export PATH := $(BIN):$(PATH)
+REPRO := python -m pipeline.lanes train extract_meshes && dvc repro
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .PHONY: help repro own test check
@@ -26,15 +27,15 @@ help:
 
 repro: .venv/installed
 ifdef PROFILE
-	@folder=$$(python -m pipeline.workspace profile "$(PROFILE)") && cd "$$folder" && dvc repro && \
+	@folder=$$(python -m pipeline.workspace profile "$(PROFILE)") && cd "$$folder" && $(REPRO) && \
 	echo "The report: $$folder/data/report/index.html"
 else
-	@dvc repro && echo "The report: $(CURDIR)/data/report/index.html"
+	@$(REPRO) && echo "The report: $(CURDIR)/data/report/index.html"
 endif
 
 own: .venv/installed
 	@folder=$$(python -m pipeline.workspace own --data "$(DATA)" --name "$(NAME)" \
-		$(if $(INCLUDE),--include "$(INCLUDE)") $(if $(UP),--up "$(UP)")) && cd "$$folder" && dvc repro && \
+		$(if $(INCLUDE),--include "$(INCLUDE)") $(if $(UP),--up "$(UP)")) && cd "$$folder" && $(REPRO) && \
 	echo "The report: $$folder/data/report/index.html"
 
 test: .venv/installed-dev

@@ -46,14 +46,19 @@ def draw(seed: int, ids: Iterable[str], count: int) -> list[str]:
 
 
 def progress(items: Iterable[Item], total: int, label: str) -> "tqdm[Item]":
-    """`items` with a progress bar on standard error; at most two lines a minute where that is no terminal."""
+    """`items` with a progress bar on standard error; at most two lines a minute where that is no terminal.
+
+    CAGESDF_LANE says which of several that are shown at once this is, below the one that has no number.
+    """
+    terminal = sys.stderr.isatty()
     return tqdm(
         items,
         total=total,
         desc=label,
         file=sys.stderr,
-        mininterval=0.5 if sys.stderr.isatty() else 30,
+        mininterval=0.5 if terminal else 30,
         dynamic_ncols=True,
+        position=int(os.environ.get("CAGESDF_LANE", -1)) + 1 if terminal else None,
     )
 
 

@@ -124,7 +124,7 @@ def held(data: TrainingPoints) -> str:
 
 
 def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints, ranks: Ranks) -> str:
-    """Of all that the weights depend on: parameters, inputs, way of reading, library, torch, device, ranks, threads."""
+    """Of all that the weights depend on: parameters, inputs, way of reading, library, torch, device, ranks."""
     return digest_of(
         {
             "params": params.model_dump(mode="json"),
@@ -135,7 +135,6 @@ def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints, r
             "torch": torch.__version__,
             "device": device(),
             "ranks": ranks.size,
-            "threads": torch.get_num_threads(),
         }
     )
 

@@ -22,9 +22,9 @@ LARGE = 1024
 class Gradients:
     """Gradients of the data term with respect to a decoder and latents.
 
-    What groups need once is computed once for all. Their points are cut into slices, one for each thread
-    at least; each slice is one thread's, and their gradients are summed in order. So the memory for
-    activations doesn't grow with the batch, and with as many threads the bits are the same.
+    What groups need once is computed once for all. Their points are cut into slices; each slice is one thread's,
+    and their gradients are summed in order. So the memory for activations doesn't grow with the batch, and the
+    bits don't depend on the number of threads.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Gradients:
         with torch.autocast(device, torch.bfloat16, enabled=self.products == torch.bfloat16):
             condition = self.decoder.condition(self.latents(batch.latent), batch.cuboid)
         to_condition = []
-        parts = slices(len(batch.weight), self.threads, SLICE.get(device, LARGE))
+        parts = slices(len(batch.weight), SLICE.get(device, LARGE))
         for first in range(0, len(parts), self.threads):  # no more gradients are held than there are threads
             of = partial(self._of, batch, condition.detach(), weight)
             others = [self.pool.submit(of, part) for part in parts[first + 1 : first + self.threads]]
@@ -82,9 +82,9 @@ def _add(parameter: Tensor, gradient: Tensor | None) -> None:
         parameter.grad += gradient
 
 
-def slices(groups: int, threads: int, most: int) -> list[slice]:
-    """So many groups in equal runs, as nearly as can be, of at most `most`: one for each thread, or some for each."""
-    count = min(groups, max(1, -(-groups // (threads * most))) * threads)
+def slices(groups: int, most: int) -> list[slice]:
+    """So many groups in as few equal runs, as nearly as can be, of at most `most`."""
+    count = -(-groups // most)
     ends = [groups * i // count for i in range(count + 1)] if count else []
     return [slice(start, stop) for start, stop in pairwise(ends)]
 
