@@ -2,9 +2,9 @@
 
 python -m benchmarks.training chair [seconds]
 
-Of the default run's points. Same batches, width and depth; the loops take turns, step by step, so that a busy
-machine slows all alike, and the median step of each counts: processor time with one thread, the clock with
-two. Prints a Markdown table (docs/training.md).
+Of the default run's points. Same batches, width and depth, one thread; the loops take turns, step by step, so that
+a busy machine slows all alike, and the median processor time of each one's step counts. Prints a Markdown table
+(docs/training.md).
 """
 
 import sys
@@ -30,7 +30,6 @@ from cagesdf.training.points import LoadedPoints
 from pipeline import TrainParams, item_rng, load
 
 WIDTHS = (128, 256, 512)
-CLOCKS = {1: time.process_time, 2: time.perf_counter}  # by threads: processor time where there is one
 
 
 class Plain(nn.Module):
@@ -92,7 +91,7 @@ def our_loop(name: str, params: TrainParams, latents: LatentTable, gradients: Ca
     return Loop(name, step)
 
 
-def rates(loops: list[Loop], batches: list[Batch], seconds: float, clock: Callable[[], float]) -> dict[str, float]:
+def rates(loops: list[Loop], batches: list[Batch], seconds: float) -> dict[str, float]:
     """Points a second of each: its median step, of as many as take all of them `seconds` together."""
     for loop in loops:
         for batch in batches[:5]:
@@ -103,9 +102,9 @@ def rates(loops: list[Loop], batches: list[Batch], seconds: float, clock: Callab
     while time.perf_counter() < end:
         batch = batches[turn % len(batches)]
         for loop in loops:
-            start = clock()
+            start = time.process_time()
             loop.step(batch)
-            spent[loop.name].append(clock() - start)
+            spent[loop.name].append(time.process_time() - start)
         turn += 1
     return {name: batches[0].sdf.numel() / median(times) for name, times in spent.items()}
 
@@ -123,29 +122,28 @@ def main(category: str, seconds: float = 10) -> None:
     source = data.batches(table, shared.batch_chunks, 0)
     batches = [source.at(step) for step in range(200)]
     precision: Literal["float32", "bfloat16"] = shared.precision
-    print("| width | threads | plain | " + " | ".join(f"`{name}` | times" for name in params) + " |")
-    print("|" + "---|" * (3 + 2 * len(params)))
+    print("| width | plain | " + " | ".join(f"`{name}` | times" for name in params) + " |")
+    print("|" + "---|" * (2 + 2 * len(params)))
+    torch.set_num_threads(1)
     for width in WIDTHS:
-        for threads in CLOCKS:
-            torch.set_num_threads(threads)
-            with slice_threads() as (pool, count):
-                wide = {name: values.model_copy(update={"width": width}) for name, values in params.items()}
-                tables = [LatentTable(table.keys, table.values.detach().clone()) for _ in range(len(wide) + 1)]
-                loops = [plain_loop(shared.model_copy(update={"width": width}), tables[-1])]
-                for (name, values), own in zip(wide.items(), tables):
-                    loops.append(
-                        our_loop(
-                            name,
-                            values,
-                            own,
-                            lambda decoder, own=own, values=values: Gradients(
-                                decoder, own, values.clamp, precision, pool, count
-                            ),
-                        )
+        with slice_threads() as (pool, threads):
+            wide = {name: values.model_copy(update={"width": width}) for name, values in params.items()}
+            tables = [LatentTable(table.keys, table.values.detach().clone()) for _ in range(len(wide) + 1)]
+            loops = [plain_loop(shared.model_copy(update={"width": width}), tables[-1])]
+            for (name, values), own in zip(wide.items(), tables):
+                loops.append(
+                    our_loop(
+                        name,
+                        values,
+                        own,
+                        lambda decoder, own=own, values=values: Gradients(
+                            decoder, own, values.clamp, precision, pool, threads
+                        ),
                     )
-                found = rates(loops, batches, seconds, CLOCKS[threads])
-            cells = " | ".join(f"{found[name]:,.0f} | {found[name] / found['plain']:.2f}" for name in params)
-            print(f"| {width} | {threads} | {found['plain']:,.0f} | {cells} |", flush=True)
+                )
+            found = rates(loops, batches, seconds)
+        cells = " | ".join(f"{found[name]:,.0f} | {found[name] / found['plain']:.2f}" for name in params)
+        print(f"| {width} | {found['plain']:,.0f} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":
