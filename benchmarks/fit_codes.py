@@ -47,9 +47,10 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
         sequence = run.sequences[shape_id]
         field = CageField(run.decoder, run.latent(shape_id, 0), sequence.cages[0], OUTSIDES["union"])
         truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"])
-        sizes = MEASURE["points"], MEASURE["volume_points"]
+        rng = np.random.default_rng(0)
+        drawn = truth.drawn(MEASURE["points"], rng)
         surface = Measured(extract(field, RESOLUTION).mesh)
-        found.append(score(surface, truth, *sizes, np.random.default_rng(0))["surface_distance"])
+        found.append(score(surface, truth, drawn, MEASURE["volume_points"], rng)["surface_distance"])
     return found
 
 

@@ -92,7 +92,7 @@ def exact_row(category: str, cells: int, item: tuple[Any, int]) -> dict[str, flo
     field = FIELDS["cage"](ExactDecoder(truth), torch.zeros(1), sequence.cages[step], OUTSIDES["union"])
     predicted = Measured(extract_surface(field, cells))
     rng = item_rng(params.seeds[0], "exact", sequence.shape_id, step)
-    return score(predicted, truth, params.points, params.volume_points, rng)
+    return score(predicted, truth, truth.drawn(params.points, rng), params.volume_points, rng)
 
 
 def line(name: str, steps: str, seconds: str, cells: int, row: dict[str, float]) -> str:

@@ -238,7 +238,7 @@ def measure(
 ) -> dict[str, float]:
     """How far a fitted surface is from the shape's own: MEASURED of `score`, in whose units."""
     truth = Truth(fit.prepared.surface, fit.prepared.fitted.cage, detail)
-    figures = score(Measured(mesh), truth, points, volume_points, rng)
+    figures = score(Measured(mesh), truth, truth.drawn(points, rng), volume_points, rng)
     return {name: figures[name] for name in MEASURED}
 
 

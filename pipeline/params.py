@@ -176,13 +176,6 @@ class EditsParams(Params):
     loose: Literal["keep", "drop"]
 
 
-class ReferencesParams(Params):
-    """What `evaluate_references` shares with two stages, whose sections these are."""
-
-    evaluate: EvaluateParams
-    extract_meshes: ExtractParams
-
-
 class ReportParams(Params):
     """What the page shows."""
 
@@ -278,5 +271,4 @@ def check(path: Path) -> dict[str, Params]:
         problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
-    shared = {name: sections[name] for name in ("evaluate", "extract_meshes")}
-    return sections | {"evaluate_references": ReferencesParams.model_validate({"format": content["format"], **shared})}
+    return sections

@@ -25,7 +25,7 @@ WORK = 2e11  # multiplications that a measured training makes, about: a second o
 CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
 PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "extract_meshes", "evaluate",
-            "evaluate_references", "evaluate_progress", "make_trials", "evaluate_edits"}  # fmt: skip
+            "evaluate_progress", "make_trials", "evaluate_edits"}  # fmt: skip
 SMALL: dict[str, Any] = {
     "synthesize": {"train": SHAPES, "val": 0},
     "match_targets": {"unmatched": "scale"},
@@ -206,7 +206,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def _unit(stage: str) -> str:
     units = {"deform_sequences": "sequences", "match_targets": "sequences", "sample_points": "deformed shapes"}
-    surfaces = dict.fromkeys(("extract_meshes", "evaluate", "evaluate_references"), "surfaces")
+    surfaces = dict.fromkeys(("extract_meshes", "evaluate"), "surfaces")
     trials = dict.fromkeys(("make_trials", "evaluate_edits"), "trials")
     return {**units, **surfaces, **trials, "train": "points"}.get(stage, "shapes")
 

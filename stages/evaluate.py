@@ -1,6 +1,8 @@
-"""Measure the surfaces of all arms against the true ones (§4.1, §4.2).
+"""Measure the surfaces of all arms, and what needs no network, against the true ones (§4.1, §4.2).
 
-python -m stages.evaluate data/meshes/chair data/shapes/chair data/sequences/chair data/scores/chair/arms
+The latter are the cage's surface, which the networks must beat, and the true surface itself: the noise floor.
+
+python -m stages.evaluate data/meshes/chair data/shapes/chair data/sequences/chair data/scores/chair
 """
 
 from functools import partial
@@ -14,6 +16,7 @@ from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.solid import cage_surface
 from pipeline import EvaluateParams, artefact, item_rng, parallel_map, run_stage
 
 
@@ -34,21 +37,24 @@ def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: Evaluat
 
 
 def score_surfaces(
-    surfaces: dict[str, SurfaceFolder], shapes: ShapeFolder, params: EvaluateParams, item: tuple[Sequence, int]
+    arms: dict[str, SurfaceFolder], shapes: ShapeFolder, params: EvaluateParams, item: tuple[Sequence, int]
 ) -> list[dict[str, Any]]:
-    """One row an arm and seed for one step of one shape."""
+    """One row an arm or reference and seed for one step of one shape."""
     sequence, step = item
-    key = {"shape_id": sequence.shape_id, "step": step, "held_out": sequence.held_out[step]}
-    truth = Truth.of(shapes.read(sequence.shape_id), sequence, step, params.detail)
+    shape_id = sequence.shape_id
+    key = {"shape_id": shape_id, "step": step, "held_out": sequence.held_out[step]}
+    truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail)
+    surfaces: dict[str, Measured | None] = {"cage": Measured(cage_surface(sequence.cages[step])), "ground_truth": truth}
+    for arm, folder in arms.items():
+        if (shape_id, step) in folder.rows:
+            mesh = folder.read(shape_id, step).mesh
+            surfaces[arm] = Measured(mesh) if len(mesh.faces) else None
     rows = []
-    for arm, folder in surfaces.items():
-        if (sequence.shape_id, step) in folder.rows:
-            mesh = folder.read(sequence.shape_id, step).mesh
-            predicted = Measured(mesh) if len(mesh.faces) else None
-            for seed in params.seeds:
-                rng = item_rng(seed, "evaluate", sequence.shape_id, step)
-                figures = score(predicted, truth, params.points, params.volume_points, rng)
-                rows.append({"arm": arm, **key, "seed": seed, **figures})
+    for seed in params.seeds:
+        drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))
+        for arm, surface in surfaces.items():
+            figures = score(surface, truth, drawn, params.volume_points, item_rng(seed, "evaluate", shape_id, step))
+            rows.append({"arm": arm, **key, "seed": seed, **figures})
     return rows
 
 

@@ -48,11 +48,12 @@ def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, s
     step = next((step for step in trained.steps(shape_id) if sequence.held_out[step]), 0)
     truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail)
     snapshots = {steps: read_snapshot(folder, steps) for steps in snapshots_of(folder)}
+    drawn = truth.drawn(params.points, item_rng(params.seed, "truth", shape_id))
     rows = []
     for steps, run in (snapshots | {trained.params["steps"]: trained}).items():
         predicted = surface(run, shape_id, step, params)
         rng = item_rng(params.seed, "evaluate_progress", shape_id)
-        figures = score(predicted, truth, params.points, 1, rng)
+        figures = score(predicted, truth, drawn, 1, rng)
         points = steps * trained.params["batch_chunks"] * CHUNK
         key = {
             "arm": folder.name,

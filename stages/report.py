@@ -33,12 +33,11 @@ def main(
 ) -> None:
     """Read the folders of all categories, write `metrics/tables.json` and `report/index.html`."""
     names = [folder.name for folder in inside(shapes)]
-    score_folders = {name: inside(scores / name) for name in names}
     inputs = {
         folder.relative_to(scores.parent).as_posix(): folder / artefact.MANIFEST
         for name in names
         for folder in [
-            *score_folders[name],
+            scores / name,
             *inside(meshes / name),
             *inside(runs / name),
             edits / name,
@@ -46,7 +45,7 @@ def main(
             progress / name,
         ]
     }
-    tables = gather_tables({name: [read_scores(folder) for folder in score_folders[name]] for name in names})
+    tables = gather_tables({name: read_scores(scores / name) for name in names})
     tables["edits"] = gather_edits(
         {name: [read_edits(file) for file in edited(edits / name, trials / name)] for name in names},
         {name: [folder.name for folder in inside(runs / name)] for name in names},

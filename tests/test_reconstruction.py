@@ -17,7 +17,8 @@ LOOSE = Cage.of({"all": Cuboid(np.zeros(3), np.eye(3), np.full(3, 1.2))})
 
 def measured(predicted: Mesh | None, true: Mesh, cage: Cage = LOOSE, points: int = POINTS) -> dict[str, float]:
     rng = np.random.default_rng(0)
-    return score(Measured(predicted) if predicted else None, Truth(true, cage, 0.005), points, 4 * points, rng)
+    truth = Truth(true, cage, 0.005)
+    return score(Measured(predicted) if predicted else None, truth, truth.drawn(points, rng), 4 * points, rng)
 
 
 def test_every_metric_is_there() -> None:

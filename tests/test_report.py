@@ -43,6 +43,7 @@ from pipeline import Params, ReportParams, artefact
 from stages import report
 
 SVG = "{http://www.w3.org/2000/svg}"
+STEPS = {"cagesdf": (0, 1), "deepsdf": (0,)}  # that an arm reconstructs
 NOTHING = Grid((), (), (), ())
 BOUNDING = {"outside_before": 0.25, "outside": 0.00125, "volume_ratio": 1.5, "parts": 40, "unbounded": 3}
 
@@ -302,7 +303,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         write_cuboids(out, fits)
     with artefact.write("sequences", folder / "sequences" / "stool", inputs={}, params=PARAMS) as out:
         write_sequences(out, sequences, {s.shape_id: np.zeros((3, 5)) for s in sequences})
-    for arm, steps in (("cagesdf", (0, 1)), ("deepsdf", (0,))):
+    for arm, steps in STEPS.items():
         surfaces = [
             Surface(
                 s.shape_id,
@@ -322,7 +323,6 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             (out / "log.jsonl").write_text(
                 '{"step": 20.0, "loss": 0.5}\n{"step": 40.0, "loss": 0.25}\n', encoding="utf-8"
             )
-        write_rows(folder / "scores" / "stool" / arm, [(arm, s.shape_id, step) for s in sequences for step in steps])
     with artefact.write("edits", folder / "edits" / "stool", inputs={}, params=PARAMS) as out:
         rows = [edit("cagesdf", shapes[i], shapes[i - 1], gain) for i, gain in enumerate(GAINS)]
         write_edits(out / "edits.parquet", rows, {"version": 1})
@@ -349,7 +349,9 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             for points in (10, 40)
         ]
         write_progress(out, course, {"version": 1})
-    write_rows(folder / "scores" / "stool" / "references", [("cage", "stool_0", 0), ("ground_truth", "stool_0", 0)])
+    measured = [(arm, s.shape_id, step) for arm, steps in STEPS.items() for s in sequences for step in steps]
+    references = [("cage", "stool_0", 0), ("ground_truth", "stool_0", 0)]
+    write_rows(folder / "scores" / "stool", [*measured, *references])
     return folder
 
 

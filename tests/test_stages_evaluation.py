@@ -23,16 +23,15 @@ from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import PartHierarchy
-from pipeline import EvaluateParams, ExtractParams, Params, ProgressParams, ReferencesParams, artefact
+from pipeline import EvaluateParams, ExtractParams, Params, ProgressParams, artefact
 from pipeline.artefact import ArtefactError
-from stages import evaluate, evaluate_progress, evaluate_references, extract_meshes
+from stages import evaluate, evaluate_progress, extract_meshes
 
 EXTRACT = ExtractParams(
     format=1, resolution=32, sources=2, held_out=1, outside="union", overlap="blend", loose="keep", seed=5
 )
 EVALUATE = EvaluateParams(format=1, points=500, volume_points=500, detail=0.005, seeds=(0, 1))
 PROGRESS = ProgressParams(format=1, resolution=24, shapes=2, points=300, detail=0.005, seed=8)
-REFERENCES = ReferencesParams(format=1, evaluate=EVALUATE, extract_meshes=EXTRACT)
 SHAPES = [toy.stool("a"), toy.stool("b", width=1.3, height=0.6), toy.stool("c", lean=0.3)]
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
@@ -104,8 +103,7 @@ def run(inputs: Path, out: Path) -> Path:
     shapes, sequences = inputs / "shapes", inputs / "sequences"
     for arm in ARMS:
         extract_meshes.main(inputs / "runs" / arm, out / "meshes" / arm, EXTRACT)
-    evaluate.main(out / "meshes", shapes, sequences, out / "scores" / "arms", EVALUATE)
-    evaluate_references.main(shapes, sequences, out / "scores" / "references", REFERENCES)
+    evaluate.main(out / "meshes", shapes, sequences, out / "scores", EVALUATE)
     return out
 
 
@@ -147,17 +145,15 @@ def test_progress_is_measured_at_snapshots_and_at_the_end(inputs: Path, tmp_path
 
 
 def test_references_are_measured_on_the_steps_that_are_extracted(done: Path) -> None:
-    rows, _ = read_scores(done / "scores" / "references")
-    arm, _ = read_scores(done / "scores" / "arms")
-    keys = [(row["shape_id"], row["step"], row["seed"]) for row in arm["cagesdf"]]
+    rows, _ = read_scores(done / "scores")
+    keys = [(row["shape_id"], row["step"], row["seed"]) for row in rows["cagesdf"]]
     assert len(keys) == 3 * 2
     for name in ("cage", "ground_truth"):
         assert [(row["shape_id"], row["step"], row["seed"]) for row in rows[name]] == keys
 
 
 def test_tables_have_every_arm_and_references_and_the_cage_between_floor_and_failure(done: Path) -> None:
-    files = [read_scores(folder) for folder in sorted((done / "scores").iterdir())]
-    tables = gather_tables({"stool": files})
+    tables = gather_tables({"stool": read_scores(done / "scores")})
     assert list(tables["table1"]["stool"]) == ["cage", "cagesdf", "deepsdf", "ground_truth", "nothing"]
     assert list(tables["table2"]["stool"]) == ["cage", "cagesdf", "ground_truth", "nothing"]
     assert tables["about"]["points"] == 500

@@ -55,6 +55,11 @@ class Truth(Measured):
         self.threshold = detail * self.side
         self.cage = SurfaceDistance(cage_surface(cage))
 
+    def drawn(self, count: int, rng: np.random.Generator) -> "Drawn":
+        """`count` points of it, uniform by area, to measure several surfaces with."""
+        points, normals = _sample(self, count, rng)
+        return Drawn(points, normals, self.is_detail(points))
+
     @staticmethod
     def of(shape: Shape, sequence: Sequence, step: int, detail: float) -> "Truth":
         """The union of a shape's parts after they have followed its sequence to `step`."""
@@ -64,6 +69,20 @@ class Truth(Measured):
     def is_detail(self, points: Float[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
         """Whether points of the true surface are detail."""
         return self.cage.unsigned(points) > self.threshold
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Points of the true surface."""
+
+    points: Float[ndarray, "n 3"]  # canonical
+    normals: Float[ndarray, "n 3"]  # unit
+    detail: Bool[ndarray, " n"]  # whether they are detail
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the points."""
+        return _tree(self.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,26 +107,26 @@ def nowhere(side: float) -> Direction:
 
 
 def score(
-    predicted: Measured | None, truth: Truth, points: int, volume_points: int, rng: np.random.Generator
+    predicted: Measured | None, truth: Truth, drawn: Drawn, volume_points: int, rng: np.random.Generator
 ) -> dict[str, float]:
     """METRICS of a predicted surface, and `detail_share` of the true one.
 
-    Draws `points` on each surface and `volume_points` in their common bounding box. `None` is a
-    surface without faces: it gets the worst values. Detail is NaN where the true surface has none.
+    Draws as many points on the predicted surface as were `drawn` of the true one, and `volume_points` in their
+    common bounding box. `None` is a surface without faces: it gets the worst values. Detail is NaN where the
+    true surface has none.
     """
-    there, there_normals = _sample(truth, points, rng)
-    detail = truth.is_detail(there)
+    there, detail = drawn.points, drawn.detail
     if predicted is None:
         lost = nowhere(truth.side)
         figures = compare(lost, lost, truth.side) | {"iou": 0.0, "closed": 0.0}
         return figures | _of_detail(lost, lost, truth.side, detail) | {"detail_share": float(detail.mean())}
-    here, here_normals = _sample(predicted, points, rng)
+    here, here_normals = _sample(predicted, len(there), rng)
     distance, faces, _ = predicted.distance.closest(there)
-    cosine = np.einsum("ij,ij->i", there_normals, predicted.normals[faces])
-    forth = Direction(distance, _nearest(here, there), cosine, np.abs(cosine), detail)
+    cosine = np.einsum("ij,ij->i", drawn.normals, predicted.normals[faces])
+    forth = Direction(distance, _nearest(_tree(here), there), cosine, np.abs(cosine), detail)
     distance, faces, nearest = truth.distance.closest(here)
     cosine = np.einsum("ij,ij->i", here_normals, truth.normals[faces])
-    back = Direction(distance, _nearest(there, here), cosine, np.abs(cosine), truth.is_detail(nearest))
+    back = Direction(distance, _nearest(drawn.tree, here), cosine, np.abs(cosine), truth.is_detail(nearest))
     return {
         **compare(forth, back, truth.side),
         "iou": iou(predicted, truth, volume_points, rng),
@@ -165,9 +184,14 @@ def _sample(surface: Measured, count: int, rng: np.random.Generator) -> tuple[nd
     return points, surface.normals[faces]
 
 
-def _nearest(samples: ndarray, points: ndarray) -> ndarray:
-    """Distance from each point to the nearest sample."""
-    return np.asarray(cKDTree(samples, compact_nodes=False, balanced_tree=False).query(points)[0])
+def _tree(points: ndarray) -> cKDTree:
+    """Quickly built: it is asked only as often as it has points."""
+    return cKDTree(points, compact_nodes=False, balanced_tree=False)
+
+
+def _nearest(tree: cKDTree, points: ndarray) -> ndarray:
+    """Distance from each point to the nearest of the tree's."""
+    return np.asarray(tree.query(points)[0])
 
 
 def _of_detail(forth: Direction, back: Direction, side: float, detail: Bool[ndarray, " n"]) -> dict[str, float]:

@@ -14,27 +14,27 @@ PROGRESS = ("surface_distance", "cd_deepsdf", "nc_signed")  # along a training
 TABLES = {"table1": lambda row: row["step"] == 0, "table2": lambda row: row["held_out"]}
 
 
-def gather_tables(scores: Mapping[str, Sequence[tuple[Mapping[str, Rows], Mapping[str, Any]]]]) -> dict[str, Any]:
+def gather_tables(scores: Mapping[str, tuple[Mapping[str, Rows], Mapping[str, Any]]]) -> dict[str, Any]:
     """`{"about": …, "table1": {category: {arm: {metric: {"mean", "std", "n"}}}}, "table2": …}`.
 
-    `scores[category]` are the files' contents: rows by arm as `score` gives them, with shape_id,
+    `scores[category]` are a file's contents: rows by arm as `score` gives them, with shape_id,
     step, held_out and seed; and what the figures mean, which becomes `about`. Step 0 goes to
     Table 1, held-out steps to Table 2; an arm without such rows isn't in that table.
 
     Raises InputError if there is no file, or two were not measured alike.
     """
-    about = [definitions for files in scores.values() for _, definitions in files]
+    about = [definitions for _, definitions in scores.values()]
     if not about or any(other != about[0] for other in about):
-        raise InputError("scores: wanted files that were all measured alike; rerun evaluate and evaluate_references")
+        raise InputError("scores: wanted files that were all measured alike; rerun evaluate")
     tables: dict[str, Any] = {"about": dict(about[0])}
     for table, wanted in TABLES.items():
         tables[table] = {
             category: {
                 arm: summarise(kept)
-                for arm, rows in sorted((arm, rows) for by_arm, _ in files for arm, rows in by_arm.items())
+                for arm, rows in sorted(by_arm.items())
                 if (kept := [row for row in rows if wanted(row)])
             }
-            for category, files in sorted(scores.items())
+            for category, (by_arm, _) in sorted(scores.items())
         }
     return tables
 
