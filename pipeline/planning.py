@@ -24,7 +24,7 @@ CHUNKS = 16  # a training step that is measured has, at most
 WORK = 2e11  # multiplications that a measured training makes, about: a second or some
 CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
-PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "extract_meshes", "evaluate",
+PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "train", "extract_meshes", "evaluate",
             "evaluate_progress", "make_trials", "evaluate_edits"}  # fmt: skip
 SMALL: dict[str, Any] = {
     "synthesize": {"train": SHAPES, "val": 0},
