@@ -91,24 +91,24 @@ class View:
         return View((low + high) / 2, MARGIN * half, max(float(high[2] - low[2]), half))
 
 
-def render_rows(rows: Sequence[Sequence[Scene]], size: int) -> tuple[list[list[Image]], str]:
+def render_rows(rows: Sequence[Sequence[Scene]], size: int, processes: int = 1) -> tuple[list[list[Image]], str]:
     """Pictures of rows of scenes, `size` pixels square, and the name of what drew them.
 
     All pictures of a row have the same camera and scale. The background is transparent. VTK is
-    started once for all of them; "matplotlib" draws if it can't be.
+    started once in each process; "matplotlib" draws if it can't be.
     """
     work = [(scene, view) for row in rows for view in [View.around(row)] for scene in row]
-    images, drawn_by = _render_all(work, size)
+    images, drawn_by = _render_all(work, size, processes)
     ends = np.cumsum([len(row) for row in rows])
     return [images[end - len(row) : end] for row, end in zip(rows, ends)], drawn_by
 
 
-def _render_all(work: list[tuple[Scene, View]], size: int) -> tuple[list[Image], str]:
+def _render_all(work: list[tuple[Scene, View]], size: int, processes: int) -> tuple[list[Image], str]:
     for window in WINDOWS if work else ():
         # A fresh interpreter: VTK reads its variables once, and forking threads is unsafe.
         context = multiprocessing.get_context("spawn")
         try:
-            with ProcessPoolExecutor(1, mp_context=context, initializer=_choose, initargs=(window,)) as pool:
+            with ProcessPoolExecutor(processes, mp_context=context, initializer=_choose, initargs=(window,)) as pool:
                 images = list(pool.map(draw_with_vtk, *zip(*work), [size] * len(work)))
         except (RuntimeError, ImportError):  # a crash is a BrokenProcessPool, which is a RuntimeError
             continue

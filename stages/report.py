@@ -15,6 +15,7 @@ from cagesdf.io.trials import read_trials
 from cagesdf.report.gather import read_category
 from cagesdf.report.page import write_page
 from pipeline import ReportParams, artefact, run_stage
+from pipeline.executor import workers
 
 
 def main(
@@ -70,7 +71,7 @@ def main(
         text = json.dumps(tables, indent=1, sort_keys=True)
         (folder / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")
     with artefact.write("report", out, inputs={}, foreign=inputs, params=params) as folder:
-        write_page(folder / "index.html", tables, categories, params.image_size)
+        write_page(folder / "index.html", tables, categories, params.image_size, workers())
 
 
 def edited(edits: Path, trials: Path) -> tuple[Path, Path]:

@@ -107,7 +107,7 @@ def test_both_ways_of_drawing_agree_about_where_things_are() -> None:
 def test_the_same_scenes_give_the_same_pictures() -> None:
     rows = [[surface(box((0, 0, 0))), Scene(cage=box((0, 0.2, 0)), cage_colours=("#00ff00",))], []]
     (first, empty), _ = render_rows(rows, SIZE)
-    (second, _), _ = render_rows(rows, SIZE)
+    (second, _), _ = render_rows(rows, SIZE, processes=2)
     assert empty == []
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b)

@@ -131,7 +131,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
 
 @pytest.fixture
 def page(category: Category, tmp_path: Path) -> str:
-    write_page(tmp_path / "index.html", TABLES, [category], 48)
+    write_page(tmp_path / "index.html", TABLES, [category], 48, 1)
     return (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
@@ -169,7 +169,7 @@ def test_names_and_reasons_are_shown_as_written(page: str) -> None:
 
 
 def test_the_same_input_gives_the_same_page(category: Category, page: str, tmp_path: Path) -> None:
-    write_page(tmp_path / "again.html", TABLES, [category], 48)
+    write_page(tmp_path / "again.html", TABLES, [category], 48, 1)
     assert (tmp_path / "again.html").read_text(encoding="utf-8") == page
 
 
@@ -196,6 +196,7 @@ def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) 
         {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS},
         [bare],
         48,
+        1,
     )
     parsed = Page((tmp_path / "index.html").read_text(encoding="utf-8"))
     assert parsed.open == []

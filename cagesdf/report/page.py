@@ -41,17 +41,19 @@ class Category:
     losses: Mapping[str, Curve]  # by arm
 
 
-def write_page(path: Path, tables: Mapping[str, Any], categories: Sequence[Category], size: int) -> None:
+def write_page(
+    path: Path, tables: Mapping[str, Any], categories: Sequence[Category], size: int, processes: int
+) -> None:
     """Write the page for the tables of `evaluation.tables` and these categories.
 
-    Pictures are `size` pixels square. A missing category or arm leaves its place out.
+    Pictures are `size` pixels square, drawn by as many `processes`. A missing category or arm leaves its place out.
     """
     grids = [
         grid
         for category in categories
         for grid in (category.fitting, category.comparison, category.sequence, category.swaps)
     ]
-    pictures, drawn_by = _draw(grids, size)
+    pictures, drawn_by = _draw(grids, size, processes)
     filled = iter([_filled(grid, images) for grid, images in zip(grids, pictures)])
     names = [category.name for category in categories]
     environment = Environment(
@@ -135,9 +137,9 @@ def _progress(arms: Mapping[str, Any]) -> dict[str, Any]:
     return {"chart": log_chart(curves, "surface distance by seconds of training"), "rest": rest}
 
 
-def _draw(grids: Sequence[Grid], size: int) -> tuple[list[list[Image]], str]:
+def _draw(grids: Sequence[Grid], size: int, processes: int) -> tuple[list[list[Image]], str]:
     scenes = [[scene for row in grid.scenes for scene in row if scene is not None] for grid in grids]
-    return render_rows(scenes, size)
+    return render_rows(scenes, size, processes)
 
 
 def _filled(grid: Grid, pictures: Sequence[Image]) -> dict[str, Any]:
