@@ -66,7 +66,7 @@ def test_the_nearer_of_two_surfaces_hides_the_other_by_both_ways_of_drawing() ->
     towards = 0.5 * CAMERA[2]
     scene = Scene((back.with_vertices(back.vertices - towards), front), ("#ff0000", "#0000ff"))
     view = View(CAMERA @ [0, 0, 0.5], 0.1, 2.0)
-    for image in (draw_with_matplotlib(scene, view, SIZE), rendering._render_all([(scene, view)], SIZE)[0][0]):
+    for image in (draw_with_matplotlib(scene, view, SIZE), rendering._render_all([(scene, view)], SIZE, 1)[0][0]):
         red, _, blue, alpha = image[SIZE // 2, SIZE // 2].astype(int)
         assert alpha == 255
         assert blue > red + 100
