@@ -4,13 +4,23 @@ import numpy as np
 import pytest
 
 from cagesdf.fitting.boxes import fit_cuboid
-from cagesdf.meshes import is_closed, signed_volume
+from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.solid import as_manifold
 from cagesdf.synthesis import members, slabs, vessels
 from cagesdf.synthesis.surfaces import capped, fill, looped, rounded_rectangle, stack, superellipse
 
-FURNITURE = {"edge": 0.015, "turnings": 4.0, "pitch": 0.06, "bend": 0.03, "dish": 0.02, "taper": 0.6}
-VESSEL = {"wall": 0.02, "flute": 0.01, "pitch": 0.1, "ribs": 3.0, "flare": 0.03, "belly": 0.5}
+FURNITURE = {
+    "edge": 0.015,
+    "board": 0.045,
+    "plate": 0.025,
+    "block": 0.08,
+    "bead": 0.06,
+    "pitch": 0.06,
+    "bend": 0.06,
+    "dish": 0.015,
+    "tip": 0.04,
+}
+VESSEL = {"wall": 0.02, "flute": 0.01, "pitch": 0.1, "rib": 0.2, "flare": 0.03, "belly": 0.5}
 LONG, LYING, FLAT, STANDING = (
     np.array(s) for s in ([0.07, 0.5, 0.08], [0.5, 0.07, 0.08], [0.5, 0.07, 0.45], [0.4, 0.45, 0.09])
 )
@@ -29,12 +39,16 @@ SURFACES = {
     **{f"apron {k}": (LYING, lambda s, k=k: members.apron(s, k, FURNITURE)) for k in ("arched", "waved")},
     **{f"column {k}": (TALL, lambda s, k=k: members.column(s, k, FURNITURE)) for k in ("turned", "square")},
     "hoop": (np.array([0.05, 0.25, 0.4]), lambda s: members.hoop(s, FURNITURE)),
+    "bow": (np.array([0.45, 0.5, 0.04]), lambda s: members.bow(s, FURNITURE)),
     **{
         f"slab {e} {t}": (FLAT, lambda s, e=e, t=t: slabs.slab(s, outline(s), e, t, FURNITURE))
         for e in slabs.EDGES
         for t in slabs.TOPS
     },
     "cushion": (FLAT, lambda s: slabs.cushion(s, FURNITURE)),
+    "upholstered": (FLAT, lambda s: slabs.upholstered(s, outline(s), FURNITURE)),
+    "thin slab": (np.array([0.5, 0.03, 0.45]), lambda s: slabs.slab(s, outline(s), "rounded", "sunk", FURNITURE)),
+    "thick slab": (np.array([0.5, 0.14, 0.45]), lambda s: slabs.slab(s, outline(s), "ogee", "domed", FURNITURE)),
     **{
         f"panel {k}": (STANDING, lambda s, k=k: slabs.panel(s, k, FURNITURE))
         for k in ("bent", "pierced", "slatted", "cushioned")
@@ -109,15 +123,76 @@ def test_the_smallest_box_around_a_surface_is_its_cuboid(name: str) -> None:
     assert box.size.prod() == pytest.approx(size.prod(), rel=0.04)
 
 
-def test_a_turned_leg_has_as_many_beads_as_it_is_told() -> None:
-    for count in (3, 6):
-        mesh = members.member(
-            np.array([0.1, 0.9, 0.1]), members.LEGS["turned"], {**FURNITURE, "turnings": float(count)}
-        )
-        axis = mesh.vertices[:-2].reshape(-1, members.SIDES, 3)
-        radius = np.linalg.norm(axis[:, :, [0, 2]], axis=2).mean(1)[axis[:, 0, 1] < 0.26]
-        peaks = (radius[1:-1] > radius[:-2]) & (radius[1:-1] >= radius[2:])
-        assert peaks.sum() == count
+def radii(mesh: Mesh) -> np.ndarray:
+    """Mean radius of a member's rings, from below."""
+    rings = mesh.vertices[:-2].reshape(-1, members.SIDES, 3)
+    return np.linalg.norm(rings[:, :, [0, 2]], axis=2).mean(axis=1)
+
+
+def crests(mesh: Mesh, low: float, high: float) -> np.ndarray:
+    """Heights above a member's lower end at which its radius is largest, between two heights."""
+    rings = mesh.vertices[:-2].reshape(-1, members.SIDES, 3)
+    y, radius = rings[:, 0, 1] - rings[0, 0, 1], radii(mesh)
+    peaks = np.flatnonzero((radius[1:-1] > radius[:-2]) & (radius[1:-1] >= radius[2:])) + 1
+    return y[peaks][(y[peaks] > low) & (y[peaks] < high)]
+
+
+def test_a_longer_turned_leg_has_more_beads_of_the_same_length() -> None:
+    counts = []
+    for length in (0.36, 0.72):
+        mesh = members.member(np.array([0.07, length, 0.08]), members.LEGS["turned"], FURNITURE)
+        beads = crests(mesh, 0.0, length - 0.09)
+        assert np.diff(beads) == pytest.approx(FURNITURE["bead"], rel=0.35)  # rings are a fifth of a bead apart
+        assert np.diff(beads).mean() == pytest.approx(FURNITURE["bead"], rel=0.1)
+        counts.append(len(beads))
+    assert counts[1] - counts[0] == round(0.36 / FURNITURE["bead"])
+
+
+@pytest.mark.parametrize("kind", ["tapered", "sabre"])
+def test_a_leg_of_any_thickness_and_length_ends_in_a_foot_of_the_same_diameter(kind: str) -> None:
+    for width, length in ((0.06, 0.3), (0.06, 0.8), (0.11, 0.3), (0.11, 0.8)):
+        mesh = members.member(np.array([width, length, width + 0.01]), members.LEGS[kind], FURNITURE)
+        foot = mesh.vertices[: members.SIDES]
+        assert np.ptp(foot[:, 0]) == pytest.approx(FURNITURE["tip"], rel=0.02)
+
+
+def test_blocks_of_legs_are_as_high_on_a_longer_leg() -> None:
+    for length in (0.4, 0.8):
+        mesh = members.member(np.array([0.07, length, 0.08]), members.LEGS["tapered"], FURNITURE)
+        rings = mesh.vertices[:-2].reshape(-1, members.SIDES, 3)
+        block = rings[np.ptp(rings[:, :, 0], axis=1) > 0.999 * 0.07, 0, 1]
+        assert np.ptp(block) == pytest.approx(FURNITURE["block"], abs=2 * members.STEP)
+
+
+def test_a_boards_thickness_is_the_same_on_a_high_frame_and_a_low_one() -> None:
+    """What a thicker slab adds is frame: seen from above, nothing changes."""
+    for height in (0.07, 0.13):
+        size = np.array([0.5, height, 0.45])
+        board = as_manifold(slabs.slab(size, outline(size), "rounded", "sunk", FURNITURE))
+        for side in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)):
+            board = board.trim_by_plane(side, -0.1)
+        low, high = np.array(board.bounding_box()).reshape(2, 3)[:, 1]
+        assert high - low == pytest.approx(FURNITURE["board"] - FURNITURE["dish"], abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["bent", "cushioned"])
+def test_a_backs_plate_is_as_thick_in_a_deeper_cuboid_and_more_bowed(kind: str) -> None:
+    volumes = [
+        signed_volume(slabs.panel(np.array([0.4, 0.45, depth]), kind, FURNITURE)) for depth in (0.07, 0.09, 0.12)
+    ]
+    assert volumes == pytest.approx([volumes[0]] * 3, rel=0.03)
+
+
+def test_arms_bend_at_the_same_radius_whatever_their_length() -> None:
+    for height, span in ((0.3, 0.4), (0.5, 0.8)):
+        path = members.arch(height, span, 0.07)
+        assert path[0] == pytest.approx([0, span / 2])
+        assert path[-1] == pytest.approx([0, -span / 2])
+        straight = (np.abs(np.abs(path[:, 1]) - span / 2) < 1e-9) | (np.abs(path[:, 0] - height) < 1e-9)
+        centre = np.array([height - 0.07, span / 2 - 0.07])
+        corner = path[~straight & (path[:, 1] > 0)]
+        assert len(corner) >= 3
+        assert np.linalg.norm(corner - centre, axis=1) == pytest.approx(0.07, rel=0.03)
 
 
 def test_slots_keep_their_pitch_when_the_cuboid_grows() -> None:
@@ -131,7 +206,7 @@ def test_slots_keep_their_pitch_when_the_cuboid_grows() -> None:
 def test_a_vessels_wall_keeps_its_thickness_when_the_cuboid_grows() -> None:
     for scale in (0.7, 1.4):
         size = scale * TALL
-        solid = as_manifold(vessels.body(size, "ovoid", 0.5, 0.5, {**VESSEL, "flute": 0.0, "ribs": 0.0}))
+        solid = as_manifold(vessels.body(size, "ovoid", 0.5, 0.5, {**VESSEL, "flute": 0.0}))
         at_belly = solid.rotate((90.0, 0.0, 0.0)).slice(0.0)
         rings = sorted(np.abs(polygon[:, 0]).max() for polygon in at_belly.to_polygons())
         assert rings[1] - rings[0] == pytest.approx(VESSEL["wall"], rel=0.15)

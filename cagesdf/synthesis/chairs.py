@@ -1,20 +1,25 @@
 """Chairs: eight structures with legs or a pedestal, stretchers, arms and backs of many styles."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy import ndarray
 
+from cagesdf.cuboid import Cuboid
 from cagesdf.meshes import Mesh
-from cagesdf.synthesis import members, slabs, vessels
-from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut
+from cagesdf.synthesis import members, slabs
+from cagesdf.synthesis.layout import Draft, Style, Surface, around, bar, box, four, group, one, pair, row, strut
 from cagesdf.synthesis.programs import assemble
 from cagesdf.synthesis.recipe import Category, Family, Proportions
 from cagesdf.synthesis.surfaces import rounded_rectangle, superellipse
 
 FORWARD = np.array([0.0, 0.0, 1.0])
+JOINT = 0.03  # below a seat's or table's upper face: what carries it ends within its board, however thick it is
+INSET = 0.03  # of a seat's legs and of its back
 RAIL_OF_LEG = {"square": "blocked", "tapered": "blocked", "sabre": "swelled", "round": "swelled", "turned": "beaded"}
 POST_OF_LEG = {"square": "pillar", "tapered": "pillar", "sabre": "swelled", "round": "swelled", "turned": "finial"}
+STILE_OF_LEG = {**POST_OF_LEG, "turned": "swelled"}
 
 
 def leg(size: ndarray, style: Style) -> Mesh:
@@ -25,6 +30,11 @@ def leg(size: ndarray, style: Style) -> Mesh:
 def post(size: ndarray, style: Style) -> Mesh:
     """A back's post, to match the legs."""
     return members.member(size, members.POSTS[POST_OF_LEG[style.kinds["leg"]]], style.factors)
+
+
+def stile(size: ndarray, style: Style) -> Mesh:
+    """A post that ends below a crest: without a finial."""
+    return members.member(size, members.POSTS[STILE_OF_LEG[style.kinds["leg"]]], style.factors)
 
 
 def rail(size: ndarray, style: Style) -> Mesh:
@@ -54,17 +64,17 @@ def wire(size: ndarray, style: Style) -> Mesh:
 
 def bow(size: ndarray, style: Style) -> Mesh:
     """A bent back: an arch from the seat up and down again, in the xy plane."""
-    return vessels.bail(size)
+    return members.bow(size, style.factors)
 
 
 def seat(size: ndarray, style: Style, power: float = 4.5) -> Mesh:
-    """A seat: dished, sunk or a cushion; square, or round of a superellipse's power."""
-    if style.kinds["seat"] == "cushioned":
-        return slabs.cushion(size, style.factors)
+    """A seat: dished, sunk or upholstered; square, or round of a superellipse's power."""
     if style.kinds["outline"] == "round" or power == 2:
         outline = superellipse(size[0] / 2, size[2] / 2, power, 72)
     else:
         outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.03 + style.factors["edge"], 72)
+    if style.kinds["seat"] == "cushioned":
+        return slabs.upholstered(size, outline, style.factors)
     return slabs.slab(size, outline, style.kinds["edge"], style.kinds["seat"], style.factors)
 
 
@@ -91,12 +101,18 @@ def _seat(p: Proportions, power: float = 4.5) -> Draft:
 def _corner(p: Proportions, y: float) -> ndarray:
     """The axis of the right front leg at a height: splayed outwards towards the floor."""
     out = p["splay"] * (p["seat"] - y)
-    return np.array([p["width"] / 2 - 0.95 * p["leg"] + out, y, p["depth"] / 2 - 0.95 * p["leg"] + 0.7 * out])
+    inset = INSET + p["leg"] / 2
+    return np.array([p["width"] / 2 - inset + out, y, p["depth"] / 2 - inset + 0.7 * out])
+
+
+def sunk(p: Proportions) -> float:
+    """How far below a seat's or table's upper face its legs end: the corners of a splayed one are higher."""
+    return JOINT + 0.7 * p["splay"] * p["leg"]
 
 
 def _legs(p: Proportions) -> Draft:
-    top = p["seat"] - 0.3 * p["thick"]
-    return four(one("leg", strut(_corner(p, 0.0), _corner(p, top), p["leg"], p["leg"], FORWARD), leg))
+    ends = _corner(p, 0.0), _corner(p, p["seat"] - sunk(p))
+    return four(one("leg", strut(*ends, p["leg"], p["leg"], FORWARD), leg))
 
 
 def _sides(p: Proportions, y: float) -> Draft:
@@ -113,26 +129,43 @@ def _cross(p: Proportions, label: str, y: float, z: float) -> Draft:
 
 def _on_back(p: Proportions, x: float, above: float) -> ndarray:
     """A point of the reclined back's plane, `above` the seat."""
-    length = p["thick"] + above
-    rear = -(p["depth"] / 2 - 0.6 * p["leg"])
-    return np.array([x, p["seat"] - p["thick"] + length * np.cos(p["recline"]), rear - length * np.sin(p["recline"])])
+    length = JOINT + above
+    rear = INSET + 0.36 * p["leg"] - p["depth"] / 2
+    return np.array([x, p["seat"] - JOINT + length * np.cos(p["recline"]), rear - length * np.sin(p["recline"])])
 
 
 def _half_back(p: Proportions) -> float:
     """From the middle to a post's axis."""
-    return p["width"] / 2 - 0.6 * p["leg"]
+    return p["width"] / 2 - INSET - 0.36 * p["leg"]
 
 
-def _posts(p: Proportions) -> Draft:
+def _posts(p: Proportions, surface: Surface = post) -> Draft:
     x, side = _half_back(p), 0.72 * p["leg"]
-    bottom, top = _on_back(p, x, -0.8 * p["thick"]), _on_back(p, x, p["back"])
-    return pair(one("back_post", strut(bottom, top, side, side, FORWARD), post))
+    bottom, top = _on_back(p, x, -JOINT), _on_back(p, x, p["back"])
+    return pair(one("back_post", strut(bottom, top, side, side, FORWARD), surface))
+
+
+def _before(p: Proportions, cuboid: Cuboid, by: float) -> Cuboid:
+    """A cuboid moved off the back's plane towards the front."""
+    return replace(cuboid, centre=cuboid.centre + by * np.array([0.0, np.sin(p["recline"]), np.cos(p["recline"])]))
+
+
+def _bowed(p: Proportions, cuboid: Cuboid) -> Cuboid:
+    """A cuboid on the back's plane moved backwards, so that what is bowed in it has its ends at the posts' front."""
+    return _before(p, cuboid, 0.3 * p["leg"] - p["deep"] / 2)
+
+
+def _splat(p: Proportions, high: float, by: float) -> Draft:
+    """A narrow back from the seat up: its ends are at the rear of its cuboid, which is `by` before the back's plane."""
+    ends = _on_back(p, 0.0, -JOINT), _on_back(p, 0.0, high)
+    cuboid = strut(*ends, p["splat"], p["deep"], FORWARD)
+    return one("splat", _before(p, cuboid, by + p["deep"] / 2), splat)
 
 
 def _panel(p: Proportions, low: float, high: float) -> Draft:
     """A back between the posts, from `low` to `high` as shares of its height."""
     ends = _on_back(p, 0.0, low * p["back"]), _on_back(p, 0.0, high * p["back"])
-    return one("back_surface", strut(*ends, 2 * _half_back(p), p["deep"], FORWARD), back)
+    return one("back_surface", _bowed(p, strut(*ends, 2 * _half_back(p), p["deep"], FORWARD)), back)
 
 
 def _panel_chair(p: Proportions) -> Draft:
@@ -143,19 +176,20 @@ def _panel_chair(p: Proportions) -> Draft:
 
 def _splat_chair(p: Proportions) -> Draft:
     x, high = _half_back(p) + 0.5 * p["leg"], 0.97 * p["back"]
-    crest = bar(_on_back(p, -x, high), _on_back(p, x, high), 0.09, p["deep"])
-    tilted = strut(
-        _on_back(p, 0.0, -0.3 * p["thick"]), _on_back(p, 0.0, 0.97 * p["back"]), p["splat"], p["deep"], FORWARD
-    )
+    crest = bar(_on_back(p, -x, high), _on_back(p, x, high), 0.09, 0.7 * p["leg"] + 0.01)
     base = group("chair_base", _legs(p), _sides(p, 0.3 * p["seat"]), _cross(p, "cross_stretcher", 0.3 * p["seat"], 0.0))
     return group(
-        "chair", _seat(p), base, group("chair_back", _posts(p), one("crest", crest, slat), one("splat", tilted, splat))
+        "chair",
+        _seat(p),
+        base,
+        group("chair_back", _posts(p, stile), one("crest", crest, slat), _splat(p, high, -0.35 * p["leg"])),
     )
 
 
 def _ladder_chair(p: Proportions) -> Draft:
     x, gap = _half_back(p), p["back"] * 0.8 / 3
-    first = bar(_on_back(p, -x, 0.35 * gap + 0.12), _on_back(p, x, 0.35 * gap + 0.12), p["rung"], p["deep"])
+    ends = _on_back(p, -x, 0.35 * gap + 0.12), _on_back(p, x, 0.35 * gap + 0.12)
+    first = _bowed(p, bar(*ends, p["rung"], p["deep"]))
     up = (_on_back(p, 0.0, 1.0) - _on_back(p, 0.0, 0.0)) * gap
     base = group(
         "chair_base",
@@ -168,9 +202,8 @@ def _ladder_chair(p: Proportions) -> Draft:
 
 
 def _arm(p: Proportions) -> Draft:
-    rear = p["depth"] / 2 - 0.2 * p["leg"]
-    low = p["seat"] - 0.6 * p["thick"]
-    cuboid = box(p["width"] / 2 - 0.55 * p["leg"], low + p["arm"] / 2, -0.035, 0.8 * p["leg"], p["arm"], 2 * rear)
+    low, long = p["seat"] - JOINT, p["depth"] - 2 * INSET
+    cuboid = box(_half_back(p), low + p["arm"] / 2, -0.01, 0.8 * p["leg"], p["arm"], long)
     return one("arm", cuboid, hoop)
 
 
@@ -207,13 +240,14 @@ def tablet(size: ndarray, style: Style) -> Mesh:
 def _pedestal_chair(p: Proportions) -> Draft:
     base = p["foot"]
     foot = box(0.0, 0.5 * p["plinth"], 0.0, base, p["plinth"], base)
-    low, high = 0.6 * p["plinth"], p["seat"] - 0.4 * p["thick"]
+    low, high = 0.6 * p["plinth"], p["seat"] - JOINT
     stem = box(0.0, (low + high) / 2, 0.0, p["stem"], high - low, p["stem"])
-    rear = np.array([0.0, p["seat"] - 0.8 * p["thick"], -(p["depth"] / 2 - 0.05)])
-    top = rear + (p["back"] + p["thick"]) * np.array([0, np.cos(p["recline"]), -np.sin(p["recline"])])
-    knob = np.array([0.36 * p["width"], p["seat"] - 1.7 * p["thick"], 0.1 * p["depth"]])
-    lever = bar(np.array([0.0, p["seat"] - 1.3 * p["thick"], 0.0]), knob, 0.03, 0.03)
-    shell = strut(rear, top, 0.86 * p["width"], p["deep"], FORWARD)
+    rear = np.array([0.0, p["seat"] - JOINT, INSET + p["deep"] / 2 - p["depth"] / 2])
+    top = rear + (p["back"] + JOINT) * np.array([0, np.cos(p["recline"]), -np.sin(p["recline"])])
+    under = p["seat"] - p["thick"]
+    knob = np.array([0.36 * p["width"], under - 0.06, 0.1 * p["depth"]])
+    lever = bar(np.array([0.0, under - 0.02, 0.0]), knob, 0.03, 0.03)
+    shell = strut(rear, top, 0.8 * p["width"], p["deep"], FORWARD)
     return group(
         "chair",
         _seat(p, 2.6),
@@ -224,20 +258,19 @@ def _pedestal_chair(p: Proportions) -> Draft:
 
 def _three_legged(p: Proportions) -> Draft:
     reach = 0.5 * min(p["width"], p["depth"])
-    top = np.array([0.0, p["seat"] - 0.3 * p["thick"], 0.58 * reach])
+    top = np.array([0.0, p["seat"] - sunk(p), 0.58 * reach])
     bottom = np.array([0.0, 0.0, 0.58 * reach + p["splay"] * p["seat"] * 1.6])
     limb = one("leg", strut(bottom, top, p["leg"], p["leg"], FORWARD), leg)
-    tilted = strut(_on_back(p, 0.0, -0.8 * p["thick"]), _on_back(p, 0.0, p["back"]), p["splat"], p["deep"], FORWARD)
     return group(
-        "chair", _seat(p, 2.0), group("chair_base", around(limb, 3)), group("chair_back", one("splat", tilted, splat))
+        "chair", _seat(p, 2.0), group("chair_base", around(limb, 3)), group("chair_back", _splat(p, p["back"], INSET))
     )
 
 
 def _wire_chair(p: Proportions) -> Draft:
     x = _half_back(p)
-    frame = strut(_on_back(p, 0.0, -0.6 * p["thick"]), _on_back(p, 0.0, p["back"]), 2 * x, 0.5 * p["leg"], FORWARD)
+    frame = strut(_on_back(p, 0.0, -JOINT), _on_back(p, 0.0, p["back"]), 2 * x, 0.5 * p["leg"], FORWARD)
     step = 2 * x / 6
-    low, high = _on_back(p, -2 * step, -0.6 * p["thick"]), _on_back(p, -2 * step, 0.84 * p["back"])
+    low, high = _on_back(p, -2 * step, -JOINT), _on_back(p, -2 * step, 0.84 * p["back"])
     thin = p["wire"] * (p["seat"] + p["back"])
     rod = one("spindle", strut(low, high, thin, thin, FORWARD), wire)
     base = group("chair_base", _legs(p), _sides(p, 0.35 * p["seat"]))
@@ -247,14 +280,14 @@ def _wire_chair(p: Proportions) -> Draft:
 
 
 COMMON = {
-    "width": (0.40, 0.62),
-    "depth": (0.38, 0.58),
-    "seat": (0.36, 0.52),
-    "thick": (0.06, 0.1),
-    "leg": (0.06, 0.1),
-    "back": (0.36, 0.66),
+    "width": (0.38, 0.7),
+    "depth": (0.36, 0.64),
+    "seat": (0.3, 0.56),
+    "thick": (0.05, 0.14),
+    "leg": (0.045, 0.105),
+    "back": (0.32, 0.76),
     "recline": (0.08, 0.3),
-    "deep": (0.065, 0.11),
+    "deep": (0.05, 0.12),
 }
 UPRIGHT = {**COMMON, "splay": (0.0, 0.0)}
 SPLAYED = {**COMMON, "splay": (0.08, 0.24)}
@@ -263,11 +296,12 @@ CHAIRS = Category(
     families={
         "panel": Family(_panel_chair, SPLAYED),
         "splat": Family(_splat_chair, {**UPRIGHT, "splat": (0.14, 0.22)}),
-        "ladder": Family(_ladder_chair, {**UPRIGHT, "rung": (0.07, 0.12)}),
+        "ladder": Family(_ladder_chair, {**UPRIGHT, "back": (0.42, 0.76), "rung": (0.05, 0.1)}),
         "arms": Family(_arm_chair, {**UPRIGHT, "width": (0.48, 0.7), "arm": (0.2, 0.3)}),
         "tablet": Family(_tablet_chair, {**UPRIGHT, "width": (0.48, 0.66), "arm": (0.24, 0.32)}),
         "pedestal": Family(
-            _pedestal_chair, {**COMMON, "foot": (0.34, 0.52), "plinth": (0.05, 0.1), "stem": (0.1, 0.18)}
+            _pedestal_chair,
+            {**COMMON, "seat": (0.36, 0.58), "foot": (0.34, 0.52), "plinth": (0.05, 0.1), "stem": (0.1, 0.18)},
         ),
         "three_legged": Family(_three_legged, {**SPLAYED, "splat": (0.18, 0.28)}),
         "wire": Family(_wire_chair, {**SPLAYED, "wire": (0.0055, 0.0085)}),
@@ -280,14 +314,16 @@ CHAIRS = Category(
         "back": ("bent", "pierced", "slatted", "cushioned"),
     },
     factors={
-        "edge": (0.006, 0.026),
-        "turnings": (3, 7),
-        "pitch": (0.045, 0.09),
-        "bend": (0.015, 0.055),
-        "dish": (0.012, 0.03),
-        "taper": (0.38, 0.8),
+        "edge": (0.006, 0.036),  # radius or width of mouldings
+        "board": (0.036, 0.056),  # thickness of seats and tops over their frames
+        "plate": (0.016, 0.034),  # of backs, splats and slats
+        "block": (0.05, 0.12),  # height of blocks, where legs and rails meet
+        "bead": (0.036, 0.11),  # length of beads
+        "pitch": (0.055, 0.13),  # distance of openings and tufts
+        "bend": (0.03, 0.1),  # radius of bent arms and corners
+        "dish": (0.008, 0.02),  # depth of hollowed tops, height of domed ones
+        "tip": (0.024, 0.05),  # diameter of feet
     },
-    counts=frozenset({"turnings"}),
-    driven=("taper", "leg"),
+    driven=("tip", "leg"),
     assemble=assemble,
 )

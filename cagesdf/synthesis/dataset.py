@@ -46,9 +46,6 @@ def _draw(category: str, split: str, earlier: Sequence[Recipe], number: int, rng
         proportions = dict(relatives[-2].proportions)
     kinds = {key: str(rng.choice(choices)) for key, choices in kit.kinds.items()}
     factors = {key: float(rng.uniform(low, high)) for key, (low, high) in kit.factors.items()}
-    factors |= {
-        key: float(np.floor(rng.uniform(kit.factors[key][0], kit.factors[key][1] + 1))) for key in sorted(kit.counts)
-    }
     factor, driver = kit.driven
     factors[factor] = _follow(proportions[driver], family.ranges[driver], kit.factors[factor], rng)
     if turn == 3:

@@ -64,6 +64,5 @@ class Category:
     families: Mapping[str, Family]
     kinds: Mapping[str, tuple[str, ...]]
     factors: Mapping[str, Range]
-    counts: frozenset[str]  # factors that are whole numbers
     driven: tuple[str, str]  # the one factor that follows a proportion, and that proportion
     assemble: Callable[[Drawing, Drawing], Assembled] | None  # from a drawing and a typical one; None: no programs

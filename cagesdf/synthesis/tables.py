@@ -7,14 +7,14 @@ from numpy import ndarray
 
 from cagesdf.meshes import Mesh
 from cagesdf.synthesis import members, slabs, vessels
-from cagesdf.synthesis.chairs import FORWARD, column, disc, leg, rail, wire
+from cagesdf.synthesis.chairs import FORWARD, JOINT, column, disc, leg, rail, sunk, wire
 from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut
 from cagesdf.synthesis.programs import assemble
 from cagesdf.synthesis.recipe import Category, Family, Proportions
 from cagesdf.synthesis.surfaces import laid, rounded_rectangle, superellipse
 
 
-def top(size: ndarray, style: Style, power: float = 5.0) -> Mesh:
+def top(size: ndarray, style: Style, power: float = 7.0) -> Mesh:
     """A top: rectangular, or round as far as the legs below allow (a superellipse's power)."""
     if style.kinds["outline"] == "round":
         outline = superellipse(size[0] / 2, size[2] / 2, power, 96)
@@ -64,7 +64,7 @@ def tie(size: ndarray, style: Style) -> Mesh:
     return laid(wire(size[[1, 0, 2]], style))
 
 
-def _top(p: Proportions, power: float = 5.0) -> Draft:
+def _top(p: Proportions, power: float = 7.0) -> Draft:
     cuboid = box(0.0, p["height"] - p["thick"] / 2, 0.0, p["width"], p["thick"], p["depth"])
     return group("tabletop", one("board", cuboid, partial(top, power=power)))
 
@@ -80,7 +80,7 @@ def _raised(point: ndarray, by: float) -> ndarray:
 
 
 def _legs(p: Proportions) -> Draft:
-    cuboid = strut(_corner(p, 0.0), _corner(p, p["height"] - 0.5 * p["thick"]), p["leg"], p["leg"], FORWARD)
+    cuboid = strut(_corner(p, 0.0), _corner(p, p["height"] - sunk(p)), p["leg"], p["leg"], FORWARD)
     return four(one("leg", cuboid, leg))
 
 
@@ -125,7 +125,7 @@ def _console(p: Proportions) -> Draft:
 
 
 def _desk(p: Proportions) -> Draft:
-    high = p["height"] - 0.6 * p["thick"]
+    high = p["height"] - JOINT
     x = p["width"] / 2 - p["inset"] - p["cabinet"] / 2
     deep = p["depth"] - 2 * p["inset"]
     chest = box(x, high / 2, 0.0, p["cabinet"], high, deep)
@@ -155,7 +155,7 @@ def _desk(p: Proportions) -> Draft:
 def _trestle_table(p: Proportions) -> Draft:
     x = p["width"] / 2 - p["inset"] - 0.06
     reach = 0.78 * p["depth"]
-    high = p["height"] - 0.6 * p["thick"]
+    high = p["height"] - JOINT
     foot = bar(np.array([x, 0.045, reach / 2]), np.array([x, 0.045, -reach / 2]), 0.09, p["leg"])
     head = bar(np.array([x, high - 0.04, 0.42 * reach]), np.array([x, high - 0.04, -0.42 * reach]), 0.08, p["leg"])
     pillar = box(x, (0.05 + high - 0.04) / 2, 0.0, 0.9 * p["leg"], high - 0.09, 1.7 * p["leg"])
@@ -173,9 +173,9 @@ def _trestle_table(p: Proportions) -> Draft:
 
 
 def _cross_table(p: Proportions) -> Draft:
-    high = p["height"] - 0.5 * p["thick"]
-    x = p["width"] / 2 - p["inset"] - p["leg"]
     reach = 0.36 * p["depth"]
+    high = p["height"] - JOINT - 0.5 * p["leg"] * np.sin(np.arctan(2 * reach / p["height"]))  # corners are higher
+    x = p["width"] / 2 - p["inset"] - p["leg"]
     thick, gap = 0.8 * p["leg"], 0.3 * p["leg"]
     one_way = strut(np.array([x + gap, 0, reach]), np.array([x + gap, high, -reach]), thick, p["leg"], FORWARD)
     other_way = strut(np.array([x - gap, 0, -reach]), np.array([x - gap, high, reach]), thick, p["leg"], -FORWARD)
@@ -191,7 +191,7 @@ def _cross_table(p: Proportions) -> Draft:
 
 
 def _pedestal_table(p: Proportions) -> Draft:
-    low, high = 0.2 * p["height"], p["height"] - 0.5 * p["thick"]
+    low, high = 0.2 * p["height"], p["height"] - JOINT
     stem = box(0.0, (low + high) / 2, 0.0, p["stem"], high - low, p["stem"])
     reach = 0.36 * min(p["width"], p["depth"])
     limb = strut(np.array([0, 0.0, reach]), np.array([0, 0.34 * p["height"], 0.02]), p["leg"], 1.3 * p["leg"], FORWARD)
@@ -202,7 +202,7 @@ def _pedestal_table(p: Proportions) -> Draft:
 
 def _tripod_table(p: Proportions) -> Draft:
     reach = 0.27 * min(p["width"], p["depth"])
-    high = p["height"] - 0.4 * p["thick"]
+    high = p["height"] - sunk(p)
     foot = np.array([0.0, 0.0, reach + p["splay"] * p["height"]])
     limb = strut(foot, np.array([0.0, high, reach]), p["leg"], p["leg"], FORWARD)
     y = 0.36 * p["height"]
@@ -214,7 +214,7 @@ def _tripod_table(p: Proportions) -> Draft:
 
 def _drum_table(p: Proportions) -> Draft:
     foot = box(0.0, 0.5 * p["plinth"], 0.0, 0.6 * p["width"], p["plinth"], 0.6 * p["depth"])
-    low, high = 0.6 * p["plinth"], p["height"] - 0.5 * p["thick"]
+    low, high = 0.6 * p["plinth"], p["height"] - JOINT
     stem = box(0.0, (low + high) / 2, 0.0, p["stem"], high - low, p["stem"])
     board = box(0.0, 0.45 * p["height"], 0.0, 0.62 * p["width"], 0.05, 0.62 * p["depth"])
     shelf_group = group("table_shelf", one("shelf", board, partial(top, power=2.2)))
@@ -223,15 +223,15 @@ def _drum_table(p: Proportions) -> Draft:
 
 
 COMMON = {
-    "width": (0.8, 1.25),
-    "depth": (0.5, 0.8),
-    "height": (0.5, 0.78),
-    "thick": (0.055, 0.09),
-    "leg": (0.06, 0.1),
+    "width": (0.75, 1.4),
+    "depth": (0.45, 0.9),
+    "height": (0.46, 0.9),
+    "thick": (0.05, 0.125),
+    "leg": (0.05, 0.11),
     "inset": (0.03, 0.07),
     "splay": (0.0, 0.0),
 }
-SMALL = {**COMMON, "width": (0.55, 0.9), "depth": (0.5, 0.85)}
+SMALL = {**COMMON, "width": (0.5, 1.0), "depth": (0.48, 0.95)}
 
 TABLES = Category(
     families={
@@ -256,13 +256,14 @@ TABLES = Category(
         "apron": ("arched", "waved"),
     },
     factors={
-        "edge": (0.008, 0.03),
-        "turnings": (3, 8),
-        "pitch": (0.07, 0.14),
-        "dish": (0.01, 0.028),
-        "taper": (0.38, 0.8),
+        "edge": (0.006, 0.036),  # radius or width of mouldings
+        "board": (0.036, 0.056),  # thickness of tops over their frames
+        "block": (0.05, 0.12),  # height of blocks, where legs and rails meet
+        "bead": (0.045, 0.12),  # length of beads
+        "pitch": (0.07, 0.15),  # distance of slats and waves
+        "dish": (0.008, 0.02),  # depth of hollowed tops, height of domed ones
+        "tip": (0.024, 0.05),  # diameter of feet
     },
-    counts=frozenset({"turnings"}),
-    driven=("taper", "leg"),
+    driven=("tip", "leg"),
     assemble=assemble,
 )

@@ -67,7 +67,7 @@ def bail(size: ndarray, style: Style) -> Mesh:
 
 def claw(size: ndarray, style: Style) -> Mesh:
     """A short leg."""
-    return members.member(size, members.LEGS["sabre"], {**style.factors, "taper": 0.7, "edge": 0.02})
+    return members.member(size, members.LEGS["sabre"], {"tip": 0.026, "block": 0.05, "edge": 0.02})
 
 
 def _round(y: float, height: float, width: float) -> Cuboid:
@@ -204,9 +204,9 @@ def _gourd(p: Proportions) -> Draft:
 
 
 COMMON = {
-    "width": (0.42, 0.66),
+    "width": (0.38, 0.74),
     "oval": (0.75, 1.0),
-    "height": (0.45, 0.75),
+    "height": (0.4, 0.85),
     "foot": (0.06, 0.11),
     "base": (0.42, 0.6),
     "mouth": (0.32, 0.5),
@@ -221,15 +221,23 @@ VASES = Category(
         "bottle": Family(_bottle, COMMON),
         "amphora": Family(_amphora, COMMON),
         "jug": Family(_jug, COMMON),
-        "bowl": Family(_bowl, {**COMMON, "width": (0.65, 0.95), "height": (0.28, 0.42), "loop": (0.14, 0.2)}),
+        "bowl": Family(_bowl, {**COMMON, "width": (0.55, 1.0), "height": (0.25, 0.46), "loop": (0.14, 0.2)}),
         "urn": Family(
-            _urn, {**COMMON, "mouth": (0.6, 0.8), "stem": (0.12, 0.22), "cover": (0.1, 0.18), "knob": (0.08, 0.12)}
+            _urn,
+            {
+                **COMMON,
+                "height": (0.34, 0.64),
+                "mouth": (0.6, 0.8),
+                "stem": (0.12, 0.22),
+                "cover": (0.1, 0.18),
+                "knob": (0.08, 0.12),
+            },
         ),
         "ewer": Family(
             _ewer,
             {
                 **COMMON,
-                "height": (0.4, 0.62),
+                "height": (0.36, 0.66),
                 "mouth": (0.4, 0.55),
                 "pour": (0.3, 0.42),
                 "cover": (0.08, 0.14),
@@ -237,8 +245,8 @@ VASES = Category(
             },
         ),
         "tripod": Family(_tripod, {**COMMON, "claw": (0.16, 0.26)}),
-        "pail": Family(_pail, {**COMMON, "height": (0.38, 0.55), "arch": (0.26, 0.42), "wire": (0.0055, 0.0085)}),
-        "gourd": Family(_gourd, {**COMMON, "height": (0.36, 0.5), "upper": (0.24, 0.36), "neck": (0.1, 0.18)}),
+        "pail": Family(_pail, {**COMMON, "height": (0.34, 0.62), "arch": (0.26, 0.42), "wire": (0.0055, 0.0085)}),
+        "gourd": Family(_gourd, {**COMMON, "height": (0.32, 0.56), "upper": (0.2, 0.38), "neck": (0.1, 0.18)}),
     },
     kinds={
         "body": tuple(vessels.BODIES),
@@ -246,14 +254,13 @@ VASES = Category(
         "handle": ("ear", "strap", "curl"),
     },
     factors={
-        "wall": (0.014, 0.032),
-        "flute": (0.0, 0.02),
-        "pitch": (0.08, 0.16),
-        "ribs": (1, 7),
-        "flare": (0.012, 0.05),
-        "belly": (0.36, 0.66),
+        "wall": (0.014, 0.044),  # thickness
+        "flute": (0.0, 0.028),  # depth of grooves
+        "pitch": (0.08, 0.16),  # distance of upright grooves
+        "rib": (0.07, 0.2),  # distance of level grooves
+        "flare": (0.012, 0.05),  # how far necks narrow
+        "belly": (0.36, 0.66),  # height of the widest place, as a share
     },
-    counts=frozenset({"ribs"}),
     driven=("belly", "height"),
     assemble=None,
 )

@@ -1,8 +1,9 @@
 """Bodies, necks, lips, feet, handles and lids of vessels.
 
-A body is hollow: its wall has one thickness everywhere, in absolute units. Necks and lips are
-tubes, handles are swept along a curve in the local yz plane with the vessel at −z. Every
-function fills [-size/2, size/2]³ of its size.
+A body is hollow: its wall has one thickness everywhere, in absolute units, its floor nearly twice
+that. Grooves and rings are as far apart, steps as far and as high, whatever the vessel's size.
+Necks and lips are tubes, handles are swept along a curve in the local yz plane with the vessel at
+−z. Every function fills [-size/2, size/2]³ of its size.
 """
 
 import numpy as np
@@ -15,6 +16,7 @@ from cagesdf.synthesis.surfaces import Vector, capped, fill, looped, smooth, sta
 
 AROUND = 48  # points of a ring
 AROUND_BODY = 80  # points of a fluted ring: a groove has at least four
+BULB = 0.2  # half the height of a baluster's
 LOBES = (12, 16, 20)  # multiples of four touch the cuboid's four sides
 
 
@@ -29,26 +31,27 @@ def lobed(size: Vector, factors: Factors) -> Float[ndarray, "n 2"]:
     return (1 - groove)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _ovoid(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
+def _ovoid(t: ndarray, foot: float, mouth: float, belly: float, height: float) -> ndarray:
     low = foot + (1 - foot) * np.sin(np.pi / 2 * np.clip(t / belly, 0, 1)) ** 0.9
     high = mouth + (1 - mouth) * np.cos(np.pi / 2 * np.clip((t - belly) / (1 - belly), 0, 1)) ** 0.8
     return np.where(t < belly, low, high)
 
 
-def _shouldered(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
-    top = 0.62 + 0.3 * belly
+def _shouldered(t: ndarray, foot: float, mouth: float, belly: float, height: float) -> ndarray:
+    top = 1 - min(0.24 - 0.2 * belly, 0.2 * height) / height
     low = foot + (1 - foot) * np.clip(t / top, 0, 1) ** 0.8
     u = np.clip((t - top) / (1 - top), 0, 1)
     return np.where(t < top, low, mouth + (1 - mouth) * np.sqrt(np.clip(1 - u**2.4, 0, 1)))
 
 
-def _baluster(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
-    bulge = np.exp(-((np.abs(t - belly) / np.where(t < belly, 0.68 * belly, 0.68 * (1 - belly))) ** 4.5))
+def _baluster(t: ndarray, foot: float, mouth: float, belly: float, height: float) -> ndarray:
+    below, above = np.minimum([0.68 * belly, 0.68 * (1 - belly)], BULB / height)
+    bulge = np.exp(-((np.abs(t - belly) / np.where(t < belly, below, above)) ** 4.5))
     line = foot + (mouth - foot) * t
     return line * (1 - bulge) * 0.82 + bulge + 0.18 * line * (1 - bulge)
 
 
-def _carinated(t: ndarray, foot: float, mouth: float, belly: float) -> ndarray:
+def _carinated(t: ndarray, foot: float, mouth: float, belly: float, height: float) -> ndarray:
     # The band between the two cones keeps a tilted box from being smaller than the upright one.
     low = foot + (1 - foot) * np.clip(t / (0.55 * belly), 0, 1) ** 0.9
     u = np.clip((t - belly) / (1 - belly) * 2.2 - 1.2, 0, 1)
@@ -61,14 +64,16 @@ BODIES = {"ovoid": _ovoid, "shouldered": _shouldered, "baluster": _baluster, "ca
 def body(size: Vector, kind: str, foot: float, mouth: float, factors: Factors) -> Mesh:
     """A hollow body, open at its top. `foot` and `mouth` are the radii there, in half widths.
 
-    Of the factors, `belly` is the height of the widest place (share of the height), `ribs` the
-    number of horizontal grooves, `wall` the thickness.
+    Of the factors, `belly` is the height of the widest place (share of the height), `rib` the
+    distance of level grooves, `wall` the thickness.
     """
     half = size / 2
-    t = np.linspace(0, 1, 28)
-    radius = BODIES[kind](t, foot, mouth, factors["belly"])
+    t = np.linspace(0, 1, int(np.clip(size[1] / 0.018, 28, 44)))
+    radius = BODIES[kind](t, foot, mouth, factors["belly"], float(size[1]))
     band = smooth(t, 0.12, 0.3) * (1 - smooth(t, 0.75, 0.95))
-    groove = 0.35 * factors["flute"] / half[0] * band * (0.5 - 0.5 * np.cos(2 * np.pi * factors["ribs"] * t))
+    groove = (
+        0.45 * factors["flute"] / half[0] * band * (0.5 - 0.5 * np.cos(2 * np.pi * round(size[1] / factors["rib"]) * t))
+    )
     radius = radius / radius.max() - groove
     fluted = (smooth(t, 0.1, 0.35) * (1 - smooth(t, 0.7, 0.95)))[:, None, None]
     circle = superellipse(1.0, 1.0, 2.0, AROUND_BODY)
@@ -76,7 +81,7 @@ def body(size: Vector, kind: str, foot: float, mouth: float, factors: Factors) -
     outer = stack(outline, half[0] * radius, half[2] * radius, size[1] * t)
 
     wall = min(factors["wall"], 0.25 * half[0], 0.25 * half[2])
-    high = np.linspace(size[1], wall, 18)
+    high = np.linspace(size[1], 1.8 * wall, 18)
     room = np.interp(high / size[1], t, radius)
     thick = wall + factors["flute"] * np.interp(high / size[1], t, fluted[:, 0, 0])
     inner_x, inner_z = (np.maximum(side * room - thick, 0.1 * side) for side in half[[0, 2]])
@@ -104,17 +109,16 @@ def tube(size: Vector, outer: Float[ndarray, " m"], wall: float) -> Mesh:
 
 
 def neck(size: Vector, kind: str, factors: Factors) -> Mesh:
-    """A neck that narrows in the middle by `flare` and carries `ribs` rings, or leans in or out."""
-    t = np.linspace(0, 1, 16)
+    """A neck that narrows in the middle by `flare`, or leans in or out, and carries rings half a `rib` apart."""
+    t = np.linspace(0, 1, 24)
     narrow = min(factors["flare"] / (size[0] / 2), 0.45)
     outer = {
         "waisted": 1 - narrow * np.sin(np.pi * t),
         "trumpet": 1 - narrow * (1 - t**2.2) * smooth(t, -0.3, 0.25),
         "funnel": 1 - narrow * t**0.8,
     }[kind]
-    ring = (
-        0.06 * (0.5 - 0.5 * np.cos(2 * np.pi * factors["ribs"] * t)) * smooth(t, 0.1, 0.3) * (1 - smooth(t, 0.7, 0.9))
-    )
+    wave = 0.5 - 0.5 * np.cos(2 * np.pi * round(2 * size[1] / factors["rib"]) * t)
+    ring = 0.008 / (size[0] / 2) * wave * smooth(t, 0.1, 0.3) * (1 - smooth(t, 0.7, 0.9))
     return tube(size, outer - ring, factors["wall"])
 
 
@@ -131,22 +135,23 @@ def lip(size: Vector, kind: str, factors: Factors) -> Mesh:
 
 
 def foot(size: Vector, kind: str, factors: Factors) -> Mesh:
-    """A foot ring: spreading, stepped or coved, hollow below."""
+    """A foot ring: spreading, stepped or coved, each as far whatever its width; hollow below."""
     half = size / 2
-    t = np.linspace(0, 1, 20)
+    t = np.linspace(0, 1, 24)
+    y, base = size[1] * t, 0.022
+    set_back = min(0.034 / half[0], 0.2)
     outer = {
-        "ovoid": 1 - 0.32 * smooth(t, 0.1, 0.9),
-        "shouldered": 1 - 0.14 * smooth(t, 0.3, 0.36) - 0.14 * smooth(t, 0.64, 0.7),
-        "baluster": 1 - 0.42 * np.sin(np.pi / 2 * np.clip(t * 1.2, 0, 1)) + 0.2 * t**4,
-        "carinated": 1 - 0.36 * np.sin(0.78 * np.pi * t) ** 0.8,
+        "ovoid": 1 - 1.6 * set_back * smooth(y, base, size[1]),
+        "shouldered": 1 - set_back * (smooth(y, base, base + 0.006) + smooth(y, 2 * base, 2 * base + 0.006)),
+        "baluster": 1 - set_back * (2 * np.sin(np.pi / 2 * np.clip(y / (3 * base), 0, 1)) - t**4),
+        "carinated": 1 - 1.7 * set_back * np.sin(0.78 * np.pi * t) ** 0.8,
     }[kind]
     outer[:2] -= [0.02, 0.004]
     hollow = min(0.5 * size[1], 0.03)
     inside = np.array([0.1, 0.4, outer[0] - 1.5 * factors["wall"] / half[0], outer[0] - factors["wall"] / half[0]])
     scale = np.concatenate([inside, outer, outer[-1] * np.array([0.75, 0.4, 0.1])])
-    y = np.concatenate([[hollow, hollow, hollow, 0.0], size[1] * t, np.full(3, size[1])])
-    y[-3:] -= 0.15 * size[1]
-    return fill(capped(stack(superellipse(1.0, 1.0, 2.0, AROUND), half[0] * scale, half[2] * scale, y)), size)
+    height = np.concatenate([[hollow, hollow, hollow, 0.0], y, np.full(3, 0.85 * size[1])])
+    return fill(capped(stack(superellipse(1.0, 1.0, 2.0, AROUND), half[0] * scale, half[2] * scale, height)), size)
 
 
 def handle(size: Vector, kind: str, factors: Factors) -> Mesh:
@@ -184,12 +189,14 @@ def lid(size: Vector, kind: str, factors: Factors) -> Mesh:
     half = size / 2
     s = np.linspace(1, 0.03, 24)
     power = {"ovoid": 2.0, "shouldered": 3.2, "baluster": 1.2, "carinated": 1.5}[kind]
-    y = 0.18 + 0.82 * (1 - s**power) + 0.035 * np.cos(2 * np.pi * factors["ribs"] * s) * (s < 0.85)
+    flange = min(0.02 / size[1], 0.3)
+    step = 0.006 / size[1] * np.cos(2 * np.pi * (1 - s) * half[0] / (0.5 * factors["rib"])) * (s < 0.85)
+    y = flange + (1 - flange) * (1 - s**power) + step
     under = np.linspace(0.05, 1, 10)
     wall = min(factors["wall"], 0.35 * size[1])
-    below = size[1] * (0.18 + 0.82 * (1 - under**power)) - wall
+    below = size[1] * (flange + (1 - flange) * (1 - under**power)) - wall
     scale = np.concatenate([under * (1 - wall / half[0]), [0.985, 1.0], s * 0.985])
-    height = np.concatenate([below.clip(0) * (under < 0.97), [0.0, 0.1 * size[1]], size[1] * y])
+    height = np.concatenate([below.clip(0) * (under < 0.97), [0.0, 0.5 * flange * size[1]], size[1] * y])
     return fill(capped(stack(superellipse(1.0, 1.0, 2.0, AROUND), half[0] * scale, half[2] * scale, height)), size)
 
 
