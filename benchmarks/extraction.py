@@ -135,7 +135,7 @@ def overlaps(shapes: int) -> None:
 
 def seam(field: CageField, truth: Truth) -> tuple[float, ...]:
     found, rng = extract(field, 128), np.random.default_rng(0)
-    figures = score(Measured(found.mesh), truth, truth.drawn(15_000, rng), 1000, rng)
+    figures = score(Measured(found.mesh), truth, truth.drawn(15_000, rng), rng)
     here, there = (sample_surface(mesh, 20_000, rng)[0] for mesh in (found.mesh, truth.mesh))
     errors = []
     for points, other in ((here, truth.distance), (there, SurfaceDistance(found.mesh))):

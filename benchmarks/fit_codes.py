@@ -50,7 +50,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
         rng = np.random.default_rng(0)
         drawn = truth.drawn(MEASURE["points"], rng)
         surface = Measured(extract(field, RESOLUTION).mesh)
-        found.append(score(surface, truth, drawn, MEASURE["volume_points"], rng)["surface_distance"])
+        found.append(score(surface, truth, drawn, rng)["surface_distance"])
     return found
 
 

@@ -71,7 +71,7 @@ def measured(arm: str, category: str, run: Path, cells: int, work: Path) -> dict
     meshes, scores = work / "meshes" / arm, work / "scores" / arm
     extract_meshes.main(run, meshes, load("extract_meshes").model_copy(update={"resolution": cells, "sources": 1}))
     evaluate.main(meshes.parent, shapes, sequences, scores, load("evaluate"))
-    row = gather_tables({category: [read_scores(scores)]})["table2"][category][arm]
+    row = gather_tables({category: read_scores(scores)})["table2"][category][arm]
     return {metric: row[metric]["mean"] for metric in METRICS}
 
 
@@ -92,7 +92,7 @@ def exact_row(category: str, cells: int, item: tuple[Any, int]) -> dict[str, flo
     field = FIELDS["cage"](ExactDecoder(truth), torch.zeros(1), sequence.cages[step], OUTSIDES["union"])
     predicted = Measured(extract_surface(field, cells))
     rng = item_rng(params.seeds[0], "exact", sequence.shape_id, step)
-    return score(predicted, truth, truth.drawn(params.points, rng), params.volume_points, rng)
+    return score(predicted, truth, truth.drawn(params.points, rng), rng)
 
 
 def line(name: str, steps: str, seconds: str, cells: int, row: dict[str, float]) -> str:

@@ -233,12 +233,10 @@ def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
     return found
 
 
-def measure(
-    fit: Fit, mesh: Mesh, points: int, volume_points: int, detail: float, rng: np.random.Generator
-) -> dict[str, float]:
+def measure(fit: Fit, mesh: Mesh, points: int, detail: float, rng: np.random.Generator) -> dict[str, float]:
     """How far a fitted surface is from the shape's own: MEASURED of `score`, in whose units."""
     truth = Truth(fit.prepared.surface, fit.prepared.fitted.cage, detail)
-    figures = score(Measured(mesh), truth, truth.drawn(points, rng), volume_points, rng)
+    figures = score(Measured(mesh), truth, truth.drawn(points, rng), rng)
     return {name: figures[name] for name in MEASURED}
 
 

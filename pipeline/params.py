@@ -137,7 +137,6 @@ class EvaluateParams(Params):
     """How surfaces are measured."""
 
     points: Count  # on each surface, for each seed
-    volume_points: Count  # for IoU, for each seed
     detail: Positive  # true surface further than this share of the longest side from the cage counts as detail
     seeds: tuple[Natural, ...]  # figures are averaged over these
 

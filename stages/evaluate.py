@@ -32,7 +32,7 @@ def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: Evaluat
         measure = partial(score_surfaces, surfaces, read_shapes(shapes), params)
         todo = [(cages[shape_id], step) for shape_id, step in keys]
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate")
-        about = definitions(params.points, params.volume_points, params.detail, params.seeds)
+        about = definitions(params.points, params.detail, params.seeds)
         write_scores(folder, (row for some in rows for row in some), about)
 
 
@@ -53,7 +53,7 @@ def score_surfaces(
     for seed in params.seeds:
         drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))
         for arm, surface in surfaces.items():
-            figures = score(surface, truth, drawn, params.volume_points, item_rng(seed, "evaluate", shape_id, step))
+            figures = score(surface, truth, drawn, item_rng(seed, "evaluate", shape_id, step))
             rows.append({"arm": arm, **key, "seed": seed, **figures})
     return rows
 

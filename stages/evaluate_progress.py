@@ -32,7 +32,7 @@ def main(runs: Path, shapes: Path, out: Path, params: ProgressParams) -> None:
         ]
         measure = partial(progress_of, read_shapes(shapes), params)
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate_progress")
-        about = definitions(params.points, 1, params.detail, (params.seed,)) | {"resolution": params.resolution}
+        about = definitions(params.points, params.detail, (params.seed,)) | {"resolution": params.resolution}
         write_progress(folder, (row for some in rows for row in some), about)
 
 
@@ -53,7 +53,7 @@ def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, s
     for steps, run in (snapshots | {trained.params["steps"]: trained}).items():
         predicted = surface(run, shape_id, step, params)
         rng = item_rng(params.seed, "evaluate_progress", shape_id)
-        figures = score(predicted, truth, drawn, 1, rng)
+        figures = score(predicted, truth, drawn, rng)
         points = steps * trained.params["batch_chunks"] * CHUNK
         key = {
             "arm": folder.name,

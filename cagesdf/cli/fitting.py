@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # How `fit` prepares shapes and measures surfaces: as params.yaml does.
 CUBOIDS: dict[str, Any] = {"slack": 0.01, "min_size": 0.001, "margin": 1e-6, "points": 10_000}
 SAMPLES: dict[str, Any] = {"near": 12_000, "uniform": 2_000, "per_cuboid": 256, "beta": 60.0}
-MEASURE: dict[str, Any] = {"points": 30_000, "volume_points": 10_000, "detail": 0.005}
+MEASURE: dict[str, Any] = {"points": 30_000, "detail": 0.005}
 # How it finds codes: tried on half of the default validation shapes (docs/fit.md).
 INFERENCE: dict[str, Any] = {
     "tried": 32, "starts": 4, "code_steps": 100, "film_steps": 200, "batch": 16,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
+from manifold3d import Manifold
 from numpy import ndarray
 from scipy.spatial import cKDTree
 
@@ -14,9 +15,9 @@ from cagesdf.deformation import deform_shape
 from cagesdf.distance import SurfaceDistance
 from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface
 from cagesdf.shape import Shape
-from cagesdf.solid import cage_surface, union
+from cagesdf.solid import as_manifold, cage_surface, union
 
-VERSION = 1  # of the definitions; raised when one changes
+VERSION = 2  # of the definitions; raised when one changes
 F_SCORES = {"f1": 0.01, "f2": 0.02}  # thresholds, shares of the longest side
 # Of the whole surface, and with the suffix `_detail` of its detail alone.
 BOTH_WAYS = (
@@ -32,6 +33,7 @@ class Measured:
         """`mesh` is canonical and has faces; it is closed and outward where insides matter."""
         self.mesh = mesh
         self.distance = SurfaceDistance(mesh)
+        self._shared: dict[Measured, float] = {}
 
     @cached_property
     def normals(self) -> Float[ndarray, "f 3"]:
@@ -43,6 +45,19 @@ class Measured:
     def closed(self) -> bool:
         """Whether the surface has no hole and one orientation."""
         return is_closed(self.mesh)
+
+    @cached_property
+    def _solid(self) -> Manifold:
+        return as_manifold(self.mesh)
+
+    def iou(self, other: "Measured") -> float:
+        """Volume of the intersection over that of the union, exact; of what isn't closed 0, as it has no volume."""
+        if not (self.closed and other.closed):
+            return 0.0
+        if other not in self._shared:
+            self._shared[other] = (self._solid ^ other._solid).volume()
+        both = self._shared[other]
+        return max(both / (self._solid.volume() + other._solid.volume() - both), 0.0)
 
 
 class Truth(Measured):
@@ -106,14 +121,11 @@ def nowhere(side: float) -> Direction:
     return Direction(side * one, side * one, -one, 0 * one, np.ones(1, dtype=bool))
 
 
-def score(
-    predicted: Measured | None, truth: Truth, drawn: Drawn, volume_points: int, rng: np.random.Generator
-) -> dict[str, float]:
+def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
     """METRICS of a predicted surface, and `detail_share` of the true one.
 
-    Draws as many points on the predicted surface as were `drawn` of the true one, and `volume_points` in their
-    common bounding box. `None` is a surface without faces: it gets the worst values. Detail is NaN where the
-    true surface has none.
+    Draws as many points on the predicted surface as were `drawn` of the true one. `None` is a surface without
+    faces: it gets the worst values. Detail is NaN where the true surface has none.
     """
     there, detail = drawn.points, drawn.detail
     if predicted is None:
@@ -129,7 +141,7 @@ def score(
     back = Direction(distance, _nearest(drawn.tree, here), cosine, np.abs(cosine), truth.is_detail(nearest))
     return {
         **compare(forth, back, truth.side),
-        "iou": iou(predicted, truth, volume_points, rng),
+        "iou": predicted.iou(truth),
         "closed": float(predicted.closed),
         **_of_detail(forth, back, truth.side, detail),
         "detail_share": float(detail.mean()),
@@ -155,21 +167,12 @@ def compare(forth: Direction, back: Direction, side: float) -> dict[str, float]:
     return figures
 
 
-def iou(predicted: Measured, truth: Measured, count: int, rng: np.random.Generator) -> float:
-    """Volume of the intersection over volume of the union, by points uniform in the common bounding box."""
-    both = np.concatenate([predicted.mesh.vertices, truth.mesh.vertices])
-    points = rng.uniform(both.min(axis=0), both.max(axis=0), (count, 3))
-    here, there = predicted.distance.inside(points), truth.distance.inside(points)
-    return float((here & there).sum() / max((here | there).sum(), 1))
-
-
-def definitions(points: int, volume_points: int, detail: float, seeds: tuple[int, ...]) -> dict[str, Any]:
+def definitions(points: int, detail: float, seeds: tuple[int, ...]) -> dict[str, Any]:
     """What the figures mean, for the head of every file of metrics."""
     return {
         "version": VERSION,
         "definitions": "docs/metrics.md",
         "points": points,
-        "volume_points": volume_points,
         "detail": detail,
         "seeds": list(seeds),
         "normalisation": "percentages are of the longest side of the true shape's bounding box; cd_deepsdf is "
