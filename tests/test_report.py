@@ -33,7 +33,7 @@ from cagesdf.io.sequences import write_sequences
 from cagesdf.io.shapes import read_shapes, write_shapes
 from cagesdf.io.trials import read_trials, write_trials
 from cagesdf.rendering import CLAY, Scene
-from cagesdf.report import figures
+from cagesdf.report import chart, figures
 from cagesdf.report.chart import log_chart
 from cagesdf.report.gather import part_colours, read_category, spread, swaps
 from cagesdf.report.page import Category, Grid, write_page
@@ -403,6 +403,17 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
     assert "no faces" in parsed.words
     for first, again in zip((tables, page), make(data, "b")):
         assert first.read_bytes() == again.read_bytes()
+
+
+@given(st.floats(1e-4, 1e7))
+def test_numbers_below_a_chart_are_round_begin_at_zero_and_reach_nearly_to_its_end(last: float) -> None:
+    ticks = chart._multiples(last)
+    step = ticks[1]
+    assert ticks[0] == 0
+    assert last - step < ticks[-1] <= last
+    assert 4 <= len(ticks) <= 10
+    assert f"{step:.0e}"[0] in "125"
+    assert float(f"{step:.0e}") == pytest.approx(step)
 
 
 def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:

@@ -37,9 +37,9 @@ def log_chart(curves: Mapping[str, Curve], label: str) -> str:
         _, y = place(0, tick)
         parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text class="tick" x="{LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
-    for i in range(5):
-        x, y = place(last * i / 4, 10**low)
-        parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 20:.1f}" text-anchor="middle">{last * i / 4:.4g}</text>')
+    for tick in _multiples(last):
+        x, y = place(tick, 10**low)
+        parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 20:.1f}" text-anchor="middle">{tick:g}</text>')
     ends = {name: place(*curve[-1]) for name, curve in drawable.items()}
     labels = _apart({name: end[1] for name, end in ends.items()})
     for i, (name, curve) in enumerate(drawable.items()):
@@ -59,6 +59,13 @@ def _decades(low: float, high: float) -> list[float]:
     ticks = below + inside
     wide = [n for n in ticks if math.log10(n) % 1 < 1e-9 or math.log10(n) % 1 > 1 - 1e-9]
     return wide if len(ticks) > 7 and len(wide) > 1 else ticks
+
+
+def _multiples(last: float) -> list[float]:
+    """Multiples of a round number from 0 to at most `last`, four to nine of them."""
+    size = 10.0 ** math.floor(math.log10(last))
+    step = next(size * m for m in (0.1, 0.2, 0.5, 1, 2) if last < 9 * size * m)
+    return [step * i for i in range(math.floor(last / step) + 1)]
 
 
 def _apart(heights: Mapping[str, float]) -> dict[str, float]:
