@@ -37,7 +37,7 @@ def log_chart(curves: Mapping[str, Curve], label: str) -> str:
         _, y = place(0, tick)
         parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text class="tick" x="{LEFT - 8}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
-    for tick in _multiples(last):
+    for tick in _multiples(float(last)):
         x, y = place(tick, 10**low)
         parts.append(f'<text class="tick" x="{x:.1f}" y="{y + 20:.1f}" text-anchor="middle">{tick:g}</text>')
     ends = {name: place(*curve[-1]) for name, curve in drawable.items()}
