@@ -65,7 +65,7 @@ def _multiples(last: float) -> list[float]:
     """Multiples of a round number from 0 to at most `last`, four to nine of them."""
     size = 10.0 ** math.floor(math.log10(last))
     step = next(size * m for m in (0.1, 0.2, 0.5, 1, 2) if last < 9 * size * m)
-    return [step * i for i in range(math.floor(last / step) + 1)]
+    return [step * i for i in range(math.floor(last / step + 1e-9) + 1)]  # 0.6 / 0.1 is less than 6
 
 
 def _apart(heights: Mapping[str, float]) -> dict[str, float]:
