@@ -135,6 +135,16 @@ class Cage:
             nearest[rows] = distance.min(axis=0)
         return owner, nearest
 
+    def holder(self, points: Float[ndarray, "n 3"], depth: float) -> Int[ndarray, " n"]:
+        """The first cuboid that holds each point deeper than `depth`, canonical units; −1 where none does."""
+        found = np.full(len(points), -1)
+        left = np.arange(len(points))
+        for k in range(len(self)):
+            held = (np.abs(self.to_local(points[left], k)) < self.size[k] / 2 - depth).all(axis=1)
+            found[left[held]] = k
+            left = left[~held]
+        return found
+
     def _blocks(self, points: Float[ndarray, "n 3"]) -> Iterator[tuple[slice, Float[ndarray, "p k"]]]:
         """Signed distances to all cuboids, for rows of points in turn: what is at work stays in the cache."""
         half = self.size[:, :, None] / 2

@@ -21,6 +21,7 @@ from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.points import CHUNK, PointChunks
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.models.shifted import ShiftedDecoder
 from cagesdf.sampling import sample_points
@@ -212,7 +213,7 @@ def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
 class FittedField(CageField):
     """The field of a fitted shape: each cuboid has the network with its part's residual."""
 
-    def __init__(self, decoder: torch.nn.Module, inferred: Inferred, cage: Cage, outside: Outside) -> None:
+    def __init__(self, decoder: Decoder, inferred: Inferred, cage: Cage, outside: Outside) -> None:
         """As CageField; `inferred` is of the cage's parts, in their order."""
         super().__init__(decoder, inferred.code, cage, outside)
         self._fields = [

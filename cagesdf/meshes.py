@@ -62,8 +62,10 @@ def weld(mesh: Mesh, tolerance: float) -> Mesh:
 
 def compact(mesh: Mesh) -> Mesh:
     """Drop vertices that no face uses."""
-    used, faces = np.unique(mesh.faces, return_inverse=True)
-    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32))
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces] = True
+    renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return Mesh(mesh.vertices[used], renumbered[mesh.faces])
 
 
 def face_normals(mesh: Mesh) -> Float[ndarray, "f 3"]:
@@ -79,7 +81,8 @@ def face_areas(mesh: Mesh) -> Float[ndarray, " f"]:
 
 def signed_volume(mesh: Mesh) -> float:
     """Volume by the divergence theorem; negative if a closed mesh is inside out."""
-    a, b, c = (mesh.corners() - mesh.vertices.mean(0)).transpose(1, 0, 2)
+    centred = mesh.vertices - mesh.vertices.mean(0)
+    a, b, c = (centred[corner] for corner in mesh.faces.T)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
@@ -96,11 +99,19 @@ def is_closed(mesh: Mesh) -> bool:
     """
     if len(mesh.faces) == 0:
         return False
-    tail = mesh.faces.astype(np.int64).ravel()
-    head = np.roll(mesh.faces.astype(np.int64), -1, axis=1).ravel()
-    forth = np.sort(tail * len(mesh.vertices) + head)
-    back = np.sort(head * len(mesh.vertices) + tail)
-    return bool((forth == back).all())
+    forth, back = edge_keys(mesh)
+    return np.array_equal(forth, back)
+
+
+def edge_keys(mesh: Mesh) -> tuple[Int[ndarray, " m"], Int[ndarray, " n"]]:
+    """Each directed edge as one number that it shares with its opposite, sorted: those that go up in index, and down.
+
+    An edge from a vertex to itself counts both ways.
+    """
+    tail, head = mesh.faces.astype(np.int64), np.roll(mesh.faces, -1, axis=1).astype(np.int64)
+    up, down = tail <= head, tail >= head
+    count = len(mesh.vertices)
+    return np.sort(tail[up] * count + head[up]), np.sort(head[down] * count + tail[down])
 
 
 def sample_surface(

@@ -62,6 +62,15 @@ def test_a_tie_goes_to_the_first_cuboid() -> None:
     assert (twice.assign(np.zeros((5, 3)))[0] == 0).all()
 
 
+@given(seed=st.integers(0, 10**6), depth=st.sampled_from([0.0, 0.03]))
+def test_the_holder_is_the_first_cuboid_whose_surface_is_deep_enough_below(seed: int, depth: float) -> None:
+    cage = random_cage(seed)
+    points = np.random.default_rng(seed).uniform(-1, 1, (200, 3))
+    deep = cage.signed_distance(points) < -depth
+    slow = np.where(deep.any(axis=1), deep.argmax(axis=1), -1)
+    np.testing.assert_array_equal(cage.holder(points, depth), slow)
+
+
 def test_there_are_24_proper_permutations() -> None:
     assert len({permutation.tobytes() for permutation in PROPER_PERMUTATIONS}) == 24
     np.testing.assert_allclose(np.linalg.det(PROPER_PERMUTATIONS), 1)

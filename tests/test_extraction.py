@@ -1,6 +1,7 @@
 """From field to surface: where it is, that it is closed, and how little of the grid is asked."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -25,44 +26,64 @@ from cagesdf.extraction import (
     extract,
     extract_surface,
 )
+from cagesdf.extraction.bounding import bounded, fans_over, spared_faces
 from cagesdf.extraction.field import outside_constant, outside_union
+from cagesdf.extraction.joining import part_of
+from cagesdf.extraction.surface import march
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import is_closed, signed_volume
-from cagesdf.models.decoders import CageDecoder, LocalCageDecoder
-from cagesdf.solid import cage_surface
+from cagesdf.meshes import Mesh, is_closed, signed_volume
+from cagesdf.models.decoders import CageDecoder, Decoder, LocalCageDecoder
+from cagesdf.solid import as_manifold, cage_surface, from_manifold
 
 LATENT = torch.zeros(4)
 
 
-class Analytic(torch.nn.Module):
+class Analytic(Decoder):
     """A decoder that is a function of the point alone."""
 
     def __init__(self, sdf: Callable[[np.ndarray], np.ndarray]) -> None:
         super().__init__()
         self.sdf = sdf
 
-    def forward(self, points: torch.Tensor, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
-        values = self.sdf(points.double().reshape(-1, 3).numpy())
-        return torch.from_numpy(np.asarray(values, np.float32)).view(points.shape[:2])
+    def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return points
+
+    def condition(self, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return cuboid
+
+    def at(self, features: torch.Tensor, condition: torch.Tensor, products: torch.dtype) -> torch.Tensor:
+        values = self.sdf(features.double().reshape(-1, 3).numpy())
+        return torch.from_numpy(np.asarray(values, np.float32)).view(features.shape[:2])
 
 
-class PerCuboid(torch.nn.Module):
+class PerCuboid(Decoder):
     """A decoder that knows its cuboid by the first coordinate of its centre: another ball in each."""
 
     def __init__(self, radius: dict[float, float]) -> None:
         super().__init__()
         self.radius = {round(x, 4): radius for x, radius in radius.items()}
 
-    def forward(self, points: torch.Tensor, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
-        radius = torch.tensor([self.radius[round(float(x), 4)] for x in cuboid[:, 0]])
-        return (points - cuboid[:, None, :3]).norm(dim=-1) - radius[:, None]
+    def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return points - cuboid[:, None, :3]
+
+    def condition(self, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return torch.tensor([[self.radius[round(float(x), 4)]] for x in cuboid[:, 0]])
+
+    def at(self, features: torch.Tensor, condition: torch.Tensor, products: torch.dtype) -> torch.Tensor:
+        return features.norm(dim=-1) - condition
 
 
-class Linear(torch.nn.Module):
+class Linear(Decoder):
     """A decoder that needs latent and cuboid."""
 
-    def forward(self, points: torch.Tensor, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
-        return 0.01 * (points.sum(-1) + latent[:, :1] + cuboid[:, 12:13])
+    def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return points.sum(-1, keepdim=True)
+
+    def condition(self, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return latent[:, :1] + cuboid[:, 12:13]
+
+    def at(self, features: torch.Tensor, condition: torch.Tensor, products: torch.dtype) -> torch.Tensor:
+        return 0.01 * (features[..., 0] + condition)
 
 
 def box(centre, size, axes=None) -> Cuboid:
@@ -309,6 +330,77 @@ def test_an_edit_taken_back_asks_nothing() -> None:
     back = live.surface(LATENT, cage)
     assert back.asked == 0
     np.testing.assert_array_equal(back.mesh.vertices, start.mesh.vertices)
+
+
+def marched(cage: Cage, phase: float) -> Mesh:
+    """A bumpy ball before it is cut: it leaves its cuboids here and there."""
+    waves = Analytic(lambda p: sphere_sdf(p, 0.5) + 0.05 * np.sin(17 * p[:, 0]) * np.sin(13 * p[:, 1] + phase))
+    cell = 2 * HALF_EXTENT / 40
+    field = CageField(waves, LATENT, cage, outside_union)
+    return march(field, [part_of(field, k, cell, METHODS["dense"]) for k in range(len(cage))], cell).mesh
+
+
+def intersection(mesh: Mesh, cage: Cage) -> Mesh:
+    return from_manifold(as_manifold(mesh) ^ as_manifold(cage_surface(cage)))
+
+
+def triangles(mesh: Mesh) -> set[frozenset[bytes]]:
+    return {frozenset(corner.tobytes() for corner in triangle) for triangle in mesh.corners()}
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=25, deadline=None)
+def test_cutting_only_what_lies_in_no_cuboid_gives_the_intersection_of_the_whole(seed: int) -> None:
+    cage = random_cage(seed, 4)
+    mesh = marched(cage, seed)
+    if len(mesh.faces):
+        found, whole = bounded(mesh, cage), intersection(mesh, cage)
+        assert is_closed(found)
+        assert bytes_of(found.vertices) == bytes_of(whole.vertices)
+        assert signed_volume(found) == pytest.approx(signed_volume(whole), rel=1e-12)
+        # Each is one of the ways to triangulate the same polygons, which differ at the cut alone.
+        spared, _ = spared_faces(mesh, cage)
+        assert triangles(Mesh(mesh.vertices, mesh.faces[spared])) <= triangles(found) & triangles(whole)
+
+
+def test_most_of_a_surface_is_not_cut() -> None:
+    cage = Cage.of({"all": box([0, 0, 0], [1.05] * 3)})
+    mesh = marched(cage, 0.0)
+    spared, rim = spared_faces(mesh, cage)
+    assert 0.7 < spared.mean() < 1
+    tails, heads = rim.T
+    assert sorted(tails) == sorted(heads) == sorted(set(tails)), "simple loops"
+    assert is_closed(Mesh(mesh.vertices, mesh.faces))
+    _, centres, fans = fans_over(mesh, rim)
+    vertices = np.concatenate([mesh.vertices, centres])
+    assert is_closed(Mesh(vertices, np.concatenate([mesh.faces[~spared], fans]).astype(np.int32)))
+    assert (cage.signed_distance(centres).min(axis=1) < 0).all()
+
+
+def test_where_a_fan_does_not_come_back_the_whole_mesh_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    def flat(mesh: Mesh, rim: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        ends, centres, fans = fans_over(mesh, rim)
+        return ends, np.tile(mesh.vertices[ends[:1]], (len(centres), 1)), fans
+
+    cage = Cage.of({"all": box([0, 0, 0], [1.05] * 3)})
+    mesh = marched(cage, 0.0)
+    monkeypatch.setattr("cagesdf.extraction.bounding.fans_over", flat)
+    found, whole = bounded(mesh, cage), intersection(mesh, cage)
+    assert is_closed(found)
+    assert triangles(found) == triangles(whole)
+
+
+def test_threads_give_the_same_surface() -> None:
+    torch.manual_seed(1)
+    decoder, cage = LocalCageDecoder(32, 4, 4, (16,), 2).eval(), random_cage(5, 4)
+    with ThreadPoolExecutor(3) as pool:
+        live = LiveSurface(decoder, 40, each=pool.map)
+        field = CageField(decoder, LATENT, cage, outside_union)
+        alone, *others = extract(field, 40), extract(field, 40, each=pool.map), live.surface(LATENT, cage)
+    for other in others:
+        np.testing.assert_array_equal(other.mesh.vertices, alone.mesh.vertices)
+        np.testing.assert_array_equal(other.mesh.faces, alone.mesh.faces)
+        assert other.asked == alone.asked
 
 
 def bytes_of(vertices: np.ndarray) -> set[bytes]:

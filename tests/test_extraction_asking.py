@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 import torch
+from analytic import sphere_sdf
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_extraction import Analytic
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.extraction import METHODS, CageField
@@ -79,15 +81,9 @@ def test_fields_no_steeper_than_the_margin_are_never_misjudged_above_the_finest_
     assert sparse.asked == known.sum() <= dense.asked
 
 
-class Bumpy(torch.nn.Module):
+def bumpy(slope: float) -> Analytic:
     """A ball with waves, of any slope."""
-
-    def __init__(self, slope: float) -> None:
-        super().__init__()
-        self.slope = slope
-
-    def forward(self, points: torch.Tensor, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
-        return self.slope * (points.norm(dim=-1) - 0.55 + 0.02 * torch.sin(20 * points[..., 1]))
+    return Analytic(lambda points: slope * (sphere_sdf(points, 0.55) + 0.02 * np.sin(20 * points[:, 1])))
 
 
 @pytest.mark.parametrize("slope", [0.7, 1.0, 6.0])
@@ -99,7 +95,7 @@ def test_asking_sparsely_gives_the_surface_of_asking_everywhere(slope: float) ->
             "neck": Cuboid(np.array([0, 0.6, 0]), np.eye(3), np.array([0.5, 0.6, 0.5])),
         }
     )
-    field = CageField(Bumpy(slope), torch.zeros(4), cage, outside_union)
+    field = CageField(bumpy(slope), torch.zeros(4), cage, outside_union)
     parts = {name: [part_of(field, k, 0.02, method) for k in range(2)] for name, method in METHODS.items()}
     joined = {name: Joined(field, some, 0.02) for name, some in parts.items()}
     asked = {name: sum(p.answers.asked for p in some) + joined[name].asked for name, some in parts.items()}

@@ -8,6 +8,7 @@ from torch import nn
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.models.arms import make_decoder
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.models.shifted import ShiftedDecoder, film_size
 from cagesdf.training.batches import Batch, training_set
@@ -36,7 +37,7 @@ class Film(nn.Module):
         return condition.new_zeros(len(condition), 1, 2, 1)
 
 
-class Balls(nn.Module):
+class Balls(Decoder):
     """In every cuboid a ball whose radius is its latent's first number, and what FiLM shifts; all else does nothing."""
 
     def __init__(self) -> None:
@@ -44,9 +45,14 @@ class Balls(nn.Module):
         self.backbone = nn.Module()
         self.backbone.mapping = Film()
 
-    def forward(self, points: torch.Tensor, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
-        film = self.backbone.mapping(latent)
-        return (points - cuboid[:, None, :3]).norm(dim=2) - latent[:, :1] - film[:, 0, 1]
+    def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return points - cuboid[:, None, :3]
+
+    def condition(self, latent: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return latent[:, :1] + self.backbone.mapping(latent)[:, 0, 1]
+
+    def at(self, features: torch.Tensor, condition: torch.Tensor, products: torch.dtype) -> torch.Tensor:
+        return features.norm(dim=2) - condition
 
 
 def two_balls(radii: tuple[float, float], groups: int = 24, seed: int = 0) -> tuple[Batch, torch.Tensor]:

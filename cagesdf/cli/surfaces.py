@@ -132,8 +132,16 @@ def swap(
 class _Work:
     """One command's way from a run to a file: what it took, and what was checked."""
 
-    def __init__(self, run: Path, out: Path, resolution: int, **how: str) -> None:
-        """`how` are extraction's choices by name. Raises InputError before anything is done in vain."""
+    def __init__(
+        self,
+        run: Path,
+        out: Path,
+        resolution: int,
+        symmetry: str,
+        method: str = "sparse",
+        loose: str = "keep",
+    ) -> None:
+        """Choices are extraction's, by name. Raises InputError before anything is done in vain."""
         from cagesdf.io.exports import check_name
 
         if resolution < LEAST:
@@ -147,7 +155,7 @@ class _Work:
             from cagesdf.io.runs import read_run
 
             self.session = Session(read_run(run))
-            self.live = self.session.live(resolution, **how)
+            self.live = self.session.live(resolution, method, loose, symmetry)
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:

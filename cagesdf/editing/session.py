@@ -11,7 +11,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
-from cagesdf.extraction import FIELDS, LOOSE, METHODS, SYMMETRIES, Extraction, LiveSurface
+from cagesdf.extraction import FIELDS, LOOSE, METHODS, SYMMETRIES, Each, Extraction, LiveSurface
 from cagesdf.io.exports import Model, as_stored
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
@@ -53,8 +53,18 @@ class Session:
             raise InputError("this arm was trained without cuboids: there is nothing to edit; take one such as cagesdf")
         return edited(state, script, self.styles)
 
-    def live(self, resolution: int, method: str = "sparse", loose: str = "keep", symmetry: str = "none") -> "Live":
-        """What gives the surfaces of one state after another; the choices are extraction's, by name."""
+    def live(
+        self,
+        resolution: int,
+        method: str = "sparse",
+        loose: str = "keep",
+        symmetry: str = "none",
+        each: Each = map,
+    ) -> "Live":
+        """What gives the surfaces of one state after another; the choices are extraction's, by name.
+
+        With `each` a pool's `map`, cuboids are asked side by side.
+        """
         return Live(
             LiveSurface(
                 self.run.decoder,
@@ -63,6 +73,7 @@ class Session:
                 method=METHODS[method],
                 loose=LOOSE[loose],
                 symmetry=SYMMETRIES[symmetry],
+                each=each,
             ),
             self.run.latents.values.device,
         )

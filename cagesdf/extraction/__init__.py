@@ -15,7 +15,7 @@ surface.py    `extract`, and `LiveSurface` for edits
 from cagesdf.extraction.asking import METHODS, ask_densely, ask_sparsely
 from cagesdf.extraction.bounding import LOOSE, SYMMETRIES
 from cagesdf.extraction.field import FIELDS, OUTSIDES, OVERLAPS, CageField, cube_field
-from cagesdf.extraction.surface import Extraction, LiveSurface, extract, extract_surface
+from cagesdf.extraction.surface import Each, Extraction, LiveSurface, extract, extract_surface
 
 __all__ = [
     "FIELDS",
@@ -25,6 +25,7 @@ __all__ = [
     "OVERLAPS",
     "SYMMETRIES",
     "CageField",
+    "Each",
     "Extraction",
     "LiveSurface",
     "ask_densely",

@@ -11,6 +11,7 @@ from torch import Tensor
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.frames import HALF_EXTENT, OUTSIDE
+from cagesdf.models.decoders import Decoder
 
 GROUP = 512  # points that go through the network together: what the layers write stays in the processor's cache
 ROWS = 16  # numbers of points are rounded up to this: vector units treat what is left over otherwise
@@ -62,7 +63,7 @@ class CageField:
 
     def __init__(
         self,
-        decoder: torch.nn.Module,
+        decoder: Decoder,
         latent: Float[Tensor, " d"],
         cage: Cage,
         outside: Outside,
@@ -74,6 +75,7 @@ class CageField:
         self.cage = cage
         self.outside = outside
         self.overlap = overlap
+        self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and what it does to the layers
 
     @torch.inference_mode()
     def ask(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:
@@ -85,16 +87,20 @@ class CageField:
         padded = np.zeros((1, -(-len(points) // ROWS) * ROWS, 3), np.float32)
         padded[0, : len(points)] = points
         given = torch.from_numpy(padded).to(self.latent.device)
-        vector = torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1].astype(np.float32)).to(given.device)
-        parts = [self.decoder(group, self.latent[None], vector)[0] for group in given.split(GROUP, dim=1)]
-        values = torch.cat(parts).float().cpu().numpy()[: len(points)]
+        if cuboid not in self._given:
+            vector = torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1].astype(np.float32)).to(given.device)
+            self._given[cuboid] = vector, self.decoder.condition(self.latent[None], vector)
+        vector, condition = self._given[cuboid]
+        features = (self.decoder.features(group, vector) for group in given.split(GROUP, dim=1))
+        parts = [self.decoder.at(group, condition, group.dtype)[0] for group in features]
+        values = torch.cat(parts).cpu().numpy()[: len(points)]
         if not np.isfinite(values).all():
             raise InputError("the network gives values that are not finite, so its training diverged; train it again")
         return values.clip(-OUTSIDE, OUTSIDE)
 
 
 def cube_field(
-    decoder: torch.nn.Module,
+    decoder: Decoder,
     latent: Float[Tensor, " d"],
     cage: Cage,
     outside: Outside,
@@ -108,5 +114,5 @@ def cube_field(
     return CageField(decoder, latent, cube, outside_constant, overlap)
 
 
-MakeField = Callable[[torch.nn.Module, Tensor, Cage, Outside, Overlap], CageField]
+MakeField = Callable[[Decoder, Tensor, Cage, Outside, Overlap], CageField]
 FIELDS: dict[str, MakeField] = {"cage": CageField, "cube": cube_field}  # by where an arm's training points come from

@@ -1,10 +1,9 @@
 """From a field to a closed surface within the cage, at once or edit by edit (§3.6)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray
 from skimage.measure import marching_cubes
@@ -18,6 +17,7 @@ from cagesdf.extraction.field import CageField, MakeField, Outside, Overlap, out
 from cagesdf.extraction.joining import Joined, Part, part_of
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
+from cagesdf.models.decoders import Decoder
 from cagesdf.solid import cage_surface
 
 # Marching cubes is given values of at least and at most so many cells: at 0 it gives faces without
@@ -29,6 +29,8 @@ NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
 
 Loose = Callable[[Mesh], Mesh]  # from a mesh to what of it is kept; one of LOOSE
 Symmetry = Callable[[Mesh, Cage], Mesh]  # one of SYMMETRIES
+# From what is to be done with a cuboid's number, and numbers, to what comes of each, in order: `map`, or a pool's.
+Each = Callable[[Callable[[int], Part], Iterable[int]], Iterable[Part]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +51,19 @@ def extract(
     method: Method = ask_sparsely,
     loose: Loose = keep_loose,
     symmetry: Symmetry = symmetric_none,
+    each: Each = map,
 ) -> Extraction:
     """The zero surface of a field by marching cubes (§3.6), cut by the cuboids exactly; canonical frame.
 
     `resolution` counts the cells along [-HALF_EXTENT, HALF_EXTENT]; the lattice reaches as far as the
-    cage does. Raises InputError if the network gives values that are not finite, or for a `symmetry`
-    that the cage hasn't; ValueError if the surface doesn't keep what is promised (see `check`).
+    cage does. `each` goes through the cuboids that are asked, in as many threads as the caller wants; the
+    surface is the same. Raises InputError if the network gives values that are not finite, or for a
+    `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is promised (see `check`).
     """
     cell = 2 * HALF_EXTENT / resolution
-    marched = march(field, [part_of(field, k, cell, method) for k in range(len(field.cage))], cell)
+    parts = list(each(lambda k: part_of(field, k, cell, method), range(len(field.cage))))
+    marched = march(field, parts, cell)
+    del parts  # the largest thing in memory at 512 cells
     return _finished(marched, field.cage, cell, loose, symmetry)
 
 
@@ -75,7 +81,7 @@ class LiveSurface:
 
     def __init__(
         self,
-        decoder: torch.nn.Module,
+        decoder: Decoder,
         resolution: int,
         make_field: MakeField = CageField,
         outside: Outside = outside_union,
@@ -83,6 +89,7 @@ class LiveSurface:
         method: Method = ask_sparsely,
         loose: Loose = keep_loose,
         symmetry: Symmetry = symmetric_none,
+        each: Each = map,
     ) -> None:
         """As for `extract`; `decoder` is in evaluation mode and must not change."""
         self.decoder = decoder
@@ -93,6 +100,7 @@ class LiveSurface:
         self.method = method
         self.loose = loose
         self.symmetry = symmetry
+        self.each = each
         self._last: dict[bytes, Part] = {}
         self._before: dict[bytes, Part] = {}
 
@@ -102,7 +110,9 @@ class LiveSurface:
         code = latent.cpu().numpy().tobytes()
         keys = [code + vector.tobytes() for vector in field.cage.vectors()]
         known = self._before | self._last
-        new = {key: part_of(field, k, self.cell, self.method) for k, key in enumerate(keys) if key not in known}
+        unknown = {key: k for k, key in enumerate(keys) if key not in known}
+        found = self.each(lambda k: part_of(field, k, self.cell, self.method), unknown.values())
+        new = dict(zip(unknown, found))
         parts = [(known | new)[key] for key in keys]
         before = sum(part.answers.asked for key, part in zip(keys, parts) if key not in new)
         self._before, self._last = self._last, dict(zip(keys, parts))

@@ -22,7 +22,7 @@ import safetensors
 import torch
 from jaxtyping import Float
 from safetensors.torch import load_file, save
-from torch import Tensor, nn
+from torch import Tensor
 
 from cagesdf.cuboid import Sequence
 from cagesdf.errors import InputError
@@ -30,6 +30,7 @@ from cagesdf.frames import Similarity
 from cagesdf.io.metadata import Column, Layout
 from cagesdf.io.sequences import CAGES, sequence_rows, sequences_of
 from cagesdf.models.arms import make_decoder
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure
@@ -66,7 +67,7 @@ RUN_SHAPES = Layout(
 class Run:
     """A trained arm and the shapes it was trained on."""
 
-    decoder: nn.Module  # in eval mode, its parameters without gradients
+    decoder: Decoder  # in eval mode, its parameters without gradients
     latents: LatentTable
     sequences: Mapping[str, Sequence]  # by shape id, held-out steps too
     structures: Mapping[str, Structure]  # by shape id
@@ -176,12 +177,12 @@ def _read_arm(path: Path) -> dict[str, Any]:
     return arm
 
 
-def _read_decoder(path: Path, params: Mapping[str, Any]) -> nn.Module:
+def _read_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
     sizes = {name: params[name] for name in ("width", "layers", "latent_dim", "mapping", "octaves")}
     return _loaded(make_decoder(params["decoder"], **sizes, seed=0), _load_tensors(path), path)
 
 
-def _loaded(decoder: nn.Module, weights: Mapping[str, Tensor], path: Path) -> nn.Module:
+def _loaded(decoder: Decoder, weights: Mapping[str, Tensor], path: Path) -> Decoder:
     try:
         decoder.load_state_dict(weights)
     except RuntimeError as error:

@@ -3,8 +3,11 @@
 from copy import deepcopy
 from typing import Any
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+
+from cagesdf.models.decoders import Decoder
 
 
 class ShiftedMapping(nn.Module):
@@ -20,7 +23,7 @@ class ShiftedMapping(nn.Module):
         return self.mapping(condition) + self.shift
 
 
-class ShiftedDecoder(nn.Module):
+class ShiftedDecoder(Decoder):
     """A decoder by latent and cuboid with its FiLM shifted; weights are shared, the decoder stays as it is."""
 
     def __init__(self, decoder: nn.Module, shift: Float[Tensor, "*g l 2 h"]) -> None:
@@ -28,13 +31,21 @@ class ShiftedDecoder(nn.Module):
         super().__init__()
         shared: Any = deepcopy(decoder, {id(weight): weight for weight in decoder.parameters()})
         shared.backbone.mapping = ShiftedMapping(shared.backbone.mapping, shift)
-        self.decoder: nn.Module = shared
+        self.decoder: Decoder = shared
 
-    def forward(
-        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
+        """As the decoder's."""
+        return self.decoder.features(points, cuboid)
+
+    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """The decoder's, shifted."""
+        return self.decoder.condition(latent, cuboid)
+
+    def at(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
     ) -> Float[Tensor, "g n"]:
-        """Signed distance of each point."""
-        return self.decoder(points, latent, cuboid)
+        """As the decoder's."""
+        return self.decoder.at(features, condition, products)
 
 
 def film_size(decoder: nn.Module) -> tuple[int, int, int]:
