@@ -2,9 +2,9 @@
 
     python benchmarks/editing.py data/runs/chair/cagesdf [--threads 2] [--edits 200] [--resolutions 96 256]
 
-draws edits of every kind, ten of each shape after the other, and prints a Markdown table: seconds from the operation to
-the surface on the wall, and of processor time, which counts all threads but not what others do on the machine. The
-first surface of each shape is not counted. The same edits at every resolution.
+draws edits of every kind, ten of each shape after the other, asks cuboids in `--threads` threads, and prints a Markdown
+table: seconds from the operation to the surface on the wall, and of processor time, which counts all threads but not
+what others do on the machine. The first surface of each shape is not counted. The same edits at every resolution.
 """
 
 import argparse
