@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+import toy
 from analytic import sphere_sdf
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -26,7 +27,7 @@ from cagesdf.extraction import (
     extract,
     extract_surface,
 )
-from cagesdf.extraction.bounding import bounded, fans_over, spared_faces
+from cagesdf.extraction.bounding import bounded, fans_over, same_faces, spared_faces
 from cagesdf.extraction.field import outside_constant, outside_union
 from cagesdf.extraction.joining import part_of
 from cagesdf.extraction.surface import march
@@ -375,6 +376,18 @@ def test_most_of_a_surface_is_not_cut() -> None:
     vertices = np.concatenate([mesh.vertices, centres])
     assert is_closed(Mesh(vertices, np.concatenate([mesh.faces[~spared], fans]).astype(np.int32)))
     assert (cage.signed_distance(centres).min(axis=1) < 0).all()
+
+
+def test_faces_are_the_same_in_any_order_from_any_vertex_on_but_not_turned_over_or_with_an_edge_swapped() -> None:
+    rng = np.random.default_rng(0)
+    faces = toy.ball([0, 0, 0], 1).faces
+    turned = np.take_along_axis(faces, (rng.integers(3, size=(len(faces), 1)) + np.arange(3)) % 3, axis=1)
+    assert same_faces(faces, rng.permutation(turned))
+    assert not same_faces(faces, faces[1:])
+    over = faces.copy()
+    over[7] = over[7, ::-1]
+    assert not same_faces(faces, over)
+    assert not same_faces(np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1, 3], [1, 2, 3]]))
 
 
 def test_where_a_fan_does_not_come_back_the_whole_mesh_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,12 +40,22 @@ def bounded(mesh: Mesh, cage: Cage) -> Mesh:
     central = np.zeros(len(cut.vertices), bool)
     central[place[len(ends) :]] = True
     in_fans = central[cut.faces].any(axis=1)
-    if gaps.any() or in_fans.sum() != len(fans):  # the library has tidied a fan up: seen with ties, which weights avoid
-        return from_manifold(as_manifold(mesh) ^ cuboids)
-    renumbered = np.arange(len(mesh.vertices)) + len(cut.vertices)
-    renumbered[ends] = place[: len(ends)]
+    renumbered = np.arange(len(mesh.vertices) + len(centres)) + len(cut.vertices)
+    renumbered[ends], renumbered[len(mesh.vertices) :] = place[: len(ends)], place[len(ends) :]
+    if gaps.any() or not same_faces(cut.faces[in_fans], renumbered[fans]):
+        return from_manifold(as_manifold(mesh) ^ cuboids)  # the library has swapped edges of a fan: rare
     faces = np.concatenate([cut.faces[~in_fans], renumbered[mesh.faces[spared]]])
     return compact(Mesh(np.concatenate([cut.vertices, mesh.vertices]), faces))
+
+
+def same_faces(some: Int[ndarray, "f 3"], others: Int[ndarray, "g 3"]) -> bool:
+    """Whether these are the same faces, in any order, from whichever vertex on."""
+    one, other = (
+        turned[np.lexsort(turned.T)]
+        for faces in (some, others)
+        for turned in [np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)]
+    )
+    return np.array_equal(one, other)
 
 
 def spared_faces(mesh: Mesh, cage: Cage) -> tuple[Bool[ndarray, " f"], Int[ndarray, "e 2"]]:
