@@ -55,7 +55,7 @@ def test_a_killed_worker_changes_nothing(folder: Path, wanted: Mapping[str, byte
         assert len(workers) == 2
         lines.kill(workers[0].pid)
         said = stage.communicate()[1]
-    assert stage.returncode == 0
+    assert stage.returncode == 0, said
     assert "killed its process, trying again" in said
     assert lines.contents(folder / "points") == wanted
 

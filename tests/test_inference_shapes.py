@@ -87,7 +87,7 @@ def test_a_shape_like_the_training_shapes_gets_its_code_and_its_surface() -> Non
     assert str(found.verdict) == "like the training shapes"
     surface = inference.fitted_surface(trained(), found, 48)
     assert is_closed(surface.mesh)
-    measured = inference.measure(found, surface.mesh, 2000, 500, 0.005, np.random.default_rng(0))
+    measured = inference.measure(found, surface.mesh, 2000, 0.005, np.random.default_rng(0))
     assert measured["surface_distance"] < 0.3
     told = inference.report(found, surface, measured)
     assert json.loads(json.dumps(told)) == told
@@ -98,7 +98,7 @@ def test_parts_that_differ_get_residuals_and_the_surface_follows() -> None:
     found = fit(raw(pair(0.30, 0.40)))
     assert found.inferred.error < found.inferred.code_error / 5
     surface = inference.fitted_surface(trained(), found, 48)
-    measured = inference.measure(found, surface.mesh, 2000, 500, 0.005, np.random.default_rng(0))
+    measured = inference.measure(found, surface.mesh, 2000, 0.005, np.random.default_rng(0))
     assert measured["surface_distance"] < 0.3
 
 
