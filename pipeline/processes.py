@@ -73,7 +73,12 @@ class LocalProcesses:
                     while todo and len(running) < self.count:
                         number, item = todo.popleft()
                         executor = self._idle.pop() if self._idle else _one_process()
-                        running[executor.submit(_call_stored, stored, self.seconds, item)] = number, executor
+                        try:
+                            future = executor.submit(_call_stored, stored, self.seconds, item)
+                        except TerminatedWorkerError as error:  # it died when it had nothing to do
+                            yield number, Died(str(error))
+                        else:
+                            running[future] = number, executor
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
                         number, executor = running[future]
                         try:

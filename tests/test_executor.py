@@ -97,6 +97,16 @@ def test_processes_stay_for_the_next_map(monkeypatch: pytest.MonkeyPatch) -> Non
     assert os.getpid() not in maps[0]
 
 
+def test_processes_that_died_between_two_maps_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "2")
+    ids, _ = parallel_map(process, range(4), rejects=ShapeRejected, label="test")
+    for pid in set(ids):
+        os.kill(pid, signal.SIGKILL)
+    time.sleep(0.5)  # the library sees that they are gone
+    results, _ = parallel_map(square, [5, 1, 4], rejects=ShapeRejected, label="test")
+    assert results == [25, 1, 16]
+
+
 def test_a_wrong_number_of_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_WORKERS", "two")
     with pytest.raises(ValueError, match=r"CAGESDF_WORKERS.*'two'"):
