@@ -29,7 +29,7 @@ ALLOWED = {
     "deformation": RECORDS | SOLIDS | {"matching"},
     "sampling": RECORDS | SOLIDS | {"deformation"},
     "models": {"errors"},
-    "generation": RECORDS | SOLIDS | {"matching"},
+    "generation": RECORDS | {"matching"},
     "io": RECORDS | {"fitting", "matching", "models", "evaluation", "generation"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | SOLIDS | {"models"},

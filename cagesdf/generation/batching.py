@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from cagesdf.generation.tokens import COMMAND, COMMANDS, END, START, WIDTH, BlockTokens, ProgramTokens
+from cagesdf.generation.tokens import COMMAND, COMMANDS, CUBOID, END, START, WIDTH, BlockTokens, ProgramTokens
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,51 +48,52 @@ class Batch:
         """All of them in one batch, float32. At least one program."""
         levels: list[Level] = []
         parts: list[tuple[Tensor, Tensor, Tensor, Tensor, Tensor]] = []
-        # Program, block, and where its cuboid is declared: block of the level above, line.
-        waiting = [(shape, 0, (-1, -1)) for shape in range(len(programs))]
-        above = np.zeros(0, int)
+        # Program, block, and where the cuboid that it fills is declared: line, and rank of that line's block.
+        waiting = [(shape, 0, (0, 0)) for shape in range(len(programs))]
+        starts = np.zeros(2, int)
         while waiting:
             waiting.sort(key=lambda entry: -len(programs[entry[0]][entry[1]].lines))
-            blocks = [programs[shape][block] for shape, block, _ in waiting]
-            shapes = torch.tensor([shape for shape, _, _ in waiting])
-            outer = np.array([place for _, _, place in waiting]) if levels else np.zeros((0, 2), int)
-            starts, running, order = _packing(blocks)
-            given, targets, leaf = (
-                torch.from_numpy(np.concatenate(values)[order]).float() for values in zip(*map(_columns, blocks))
+            blocks = [programs[shape][number] for shape, number, _ in waiting]
+            line, rank = np.array([place for _, _, place in waiting]).T[:, : len(waiting) if levels else 0]
+            outer, outer_given = starts[line] + rank, starts[line + 1] + rank
+            given, targets, leaf = (np.concatenate(values) for values in zip(*map(_columns, blocks)))
+
+            lengths = np.array([len(block.lines) + 1 for block in blocks])
+            ranks = np.repeat(np.arange(len(blocks)), lengths)
+            numbers = np.concatenate([np.arange(length) for length in lengths])
+            order = np.lexsort((ranks, numbers))
+            running = np.bincount(numbers)
+            starts = np.cumsum(running) - running
+            last = starts[lengths - 1] + np.arange(len(blocks))
+
+            shape, block = torch.tensor([shape for shape, _, _ in waiting]), torch.from_numpy(ranks[order])
+            size = torch.from_numpy(np.array([block.size for block in blocks])).float()
+            declared = torch.tensor([int(block.lines[:, CUBOID].sum()) for block in blocks])
+            levels.append(
+                Level(
+                    torch.from_numpy(given[order]).float(),
+                    tuple(running.tolist()),
+                    torch.from_numpy(last),
+                    size,
+                    shape,
+                    block,
+                    torch.from_numpy(outer),
+                    torch.from_numpy(outer_given),
+                    len(levels),
+                )
             )
-            block = torch.from_numpy(np.repeat(np.arange(len(blocks)), [len(b.lines) + 1 for b in blocks])[order])
-            size = torch.from_numpy(np.array([b.size for b in blocks])).float()
-            declared = torch.tensor([int(b.lines[:, COMMAND.start + 1].sum()) for b in blocks])
-            lines_above = torch.from_numpy(above[outer[:, 1]] + outer[:, 0])
-            given_above = torch.from_numpy(above[outer[:, 1] + 1] + outer[:, 0]) if levels else lines_above
-            last = torch.from_numpy(starts[[len(b.lines) for b in blocks]] + np.arange(len(blocks)))
-            level = Level(
-                given, tuple(running.tolist()), last, size, shapes, block, lines_above, given_above, len(levels)
-            )
-            parts.append((targets, shapes[block], size[block], leaf, declared[block]))
-            levels.append(level)
-            above = starts
+            written, leaves = (torch.from_numpy(values[order]).float() for values in (targets, leaf))
+            parts.append((written, shape[block], size[block], leaves, declared[block]))
             waiting = [
-                (shape, int(child), (rank, line))
+                (shape, int(child), (line, rank))
                 for rank, (shape, number, _) in enumerate(waiting)
                 for line, child in enumerate(programs[shape][number].filling)
                 if child >= 0
             ]
-        targets, shape, size, leaf, declared = (torch.cat(values) for values in zip(*parts))
-        command = targets[:, COMMAND].argmax(dim=1)
+        all_targets, all_shape, all_size, all_leaf, all_declared = (torch.cat(values) for values in zip(*parts))
+        command = all_targets[:, COMMAND].argmax(dim=1)
         rows = tuple(torch.nonzero(command == number)[:, 0] for number in range(len(COMMANDS)))
-        return Batch(tuple(levels), len(programs), targets, shape, size, leaf, declared, rows)
-
-
-def _packing(blocks: Sequence[BlockTokens]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where lines of each number start, how many there are, and which line of all blocks in turn each is."""
-    lengths = np.array([len(block.lines) + 1 for block in blocks])
-    first = np.cumsum(lengths) - lengths
-    number = np.arange(lengths[0])
-    running = (lengths[:, None] > number).sum(axis=0)
-    order = (first[:, None] + number)[lengths[:, None] > number].reshape(-1)
-    packed = np.lexsort((np.repeat(np.arange(len(blocks)), lengths), np.concatenate([np.arange(n) for n in lengths])))
-    return np.cumsum(running) - running, running, order[packed]
+        return Batch(tuple(levels), len(programs), all_targets, all_shape, all_size, all_leaf, all_declared, rows)
 
 
 def _columns(block: BlockTokens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -101,7 +101,7 @@ def _write(
     while active:
         steps = decoder.steps(lines[active], sizes[active], depth)
         states = states.index_copy(0, torch.tensor(active), decoder.writer.step(steps, states[active]))
-        lines[active] = _next_lines(decoder, [drafts[i] for i in active], states[active], codes[active], sizes[active])
+        lines[active] = _next_lines(decoder, [drafts[i] for i in active], states[active], sizes[active])
         still: list[int] = []
         for i in active:
             draft = drafts[i]
@@ -130,7 +130,6 @@ def _next_lines(
     decoder: Decoder,
     drafts: Sequence[_Draft],
     states: Float[Tensor, "n w"],
-    codes: Float[Tensor, "n w"],
     sizes: Float[Tensor, "n 3"],
 ) -> Float[Tensor, "n 63"]:
     """What follows in each block: the likeliest command that is allowed, of the likeliest cuboids, with its numbers."""

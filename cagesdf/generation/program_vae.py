@@ -214,8 +214,8 @@ class ProgramVAE(nn.Module):
     def forward(self, batch: Batch, noise: Float[Tensor, "s d"], shown: Float[Tensor, " m"]) -> Float[Tensor, "s 11"]:
         """Losses of each program, by TERMS, without weights.
 
-        `noise` is standard normal; zeros take the mean code. `shown` is as in `Decoder`. The divergence is twice the usual one, as in the
-        official model: -Σ (1 + log σ² - μ² - σ²).
+        `noise` is standard normal; zeros take the mean code. `shown` is as in `Decoder`. The divergence
+        is twice the usual one, as in the official model: -Σ (1 + log σ² - μ² - σ²).
         """
         mean, log_variance = self.encoder(batch)
         losses = self.decoder(batch, mean + noise * torch.exp(log_variance / 2), shown)
