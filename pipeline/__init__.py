@@ -17,6 +17,7 @@ from pipeline.params import (
     SampleParams,
     SynthesizeParams,
     TrainParams,
+    TrainProgramsParams,
     TrialsParams,
     load,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "SampleParams",
     "SynthesizeParams",
     "TrainParams",
+    "TrainProgramsParams",
     "TrialsParams",
     "artefact",
     "counter",

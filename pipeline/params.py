@@ -80,6 +80,22 @@ class DeformParams(Params):
     max_rejected: Share
 
 
+class TrainProgramsParams(Params):
+    """The programs' autoencoder, and how it is tried. Categories without programs use `samples` and what follows."""
+
+    width: Count  # of its layers
+    code: Count  # numbers in a program's code
+    steps: Count  # optimiser steps
+    batch: Count  # programs a step
+    learning_rate: Positive  # falls to zero along a cosine
+    divergence: NonNegative  # weight of the codes' divergence from the normal distribution
+    hidden: Share  # of the lines, that the decoder isn't shown in training
+    samples: Count  # drawn for the summary
+    temperature: NonNegative  # of those; 1 draws as it was trained
+    max_rejected: Share
+    seed: Natural
+
+
 class SampleParams(Params):
     """Points of one deformed shape, and the shards they go to."""
 
@@ -189,6 +205,7 @@ SECTIONS: dict[str, type[Params]] = {
     "fit_cuboids": FitParams,
     "match_targets": MatchParams,
     "deform_sequences": DeformParams,
+    "train_programs": TrainProgramsParams,
     "sample_points": SampleParams,
     "train": TrainParams,
     "extract_meshes": ExtractParams,

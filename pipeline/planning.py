@@ -33,11 +33,13 @@ SMALL: dict[str, Any] = {
     "extract_meshes": {"sources": 1, "held_out": 1},
     "make_trials": {"swaps": 0},  # so few shapes may have none
     "train": {"snapshots": []},
+    "train_programs": {"steps": 200, "samples": 10},
 }
 # A network costs the same in every category: these are measured in the first one only.
 ONCE = {"train", "extract_meshes", "evaluate", "evaluate_edits", "evaluate_progress"}
 DRAWN = ("surfaces", "trials")  # units that aren't one a shape
-REJECTING = ("import_shapes", "fit_cuboids", "match_targets", "deform_sequences", "sample_points")
+REJECTING = ("import_shapes", "fit_cuboids", "match_targets", "deform_sequences", "sample_points", "train_programs")
+WEIGHTS = ("train", "train_programs")  # whose outputs are as large after many steps as after few
 
 
 @dataclass(frozen=True)
@@ -208,7 +210,7 @@ def _unit(stage: str) -> str:
     units = {"deform_sequences": "sequences", "match_targets": "sequences", "sample_points": "deformed shapes"}
     surfaces = dict.fromkeys(("extract_meshes", "evaluate"), "surfaces")
     trials = dict.fromkeys(("make_trials", "evaluate_edits"), "trials")
-    return {**units, **surfaces, **trials, "train": "points"}.get(stage, "shapes")
+    return {**units, **surfaces, **trials, "train": "points", "train_programs": "steps"}.get(stage, "shapes")
 
 
 def estimate(
@@ -233,8 +235,7 @@ def _estimate(
         items, done = _amounts(item, sections, counts, groups)
         finer = _finer(stage, sections)
         seconds += times * item.seconds * finer * items / done
-        # A run is its weights, whatever the number of steps.
-        size += times * item.size * finer * (1 if stage == "train" else items / done)
+        size += times * item.size * finer * (1 if stage in WEIGHTS else items / done)
         total += times * items
     memory = max(item.memory for item in some) * parallel
     if stage == "sample_points":
@@ -259,6 +260,8 @@ def _amounts(item: Measured, sections: dict[str, Any], counts: Counts, groups: G
     if item.stage == "train":
         arm = sections[f"arms.{item.arm}"]
         return arm.steps * arm.batch_chunks * groups.chunk, item.items * groups.chunk
+    if item.stage == "train_programs":
+        return sections[item.stage].steps, SMALL[item.stage]["steps"]
     if item.stage == "evaluate_progress":
         shapes = min(sections[item.stage].shapes, counts.sequences)
         return shapes * (1 + len(sections["train"].snapshots)), min(shapes, SHAPES)

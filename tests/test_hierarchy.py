@@ -1,6 +1,7 @@
 """Part hierarchies: StructureNet's JSON in and out, and what two of them share."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,3 +126,15 @@ def test_a_tree_without_end_is_refused() -> None:
         entry = {"id": i + 1, "label": "", "children": [entry]}
     with pytest.raises(InputError, match="levels"):
         PartHierarchy.from_dict(entry)
+
+
+def test_other_cuboids_bring_their_own_mirrors_and_leave_the_tree_as_it_is() -> None:
+    hierarchy = PartHierarchy.from_dict(chair(**REFLECTION))
+    cuboids = {name: replace(cuboid, centre=cuboid.centre + 1) for name, cuboid in hierarchy.cuboids().items()}
+    other = hierarchy.with_cuboids(cuboids)
+    assert other.signature() == hierarchy.signature()
+    assert other.parts() == hierarchy.parts()
+    assert all(np.array_equal(other.cuboids()[name].centre, cuboid.centre) for name, cuboid in cuboids.items())
+    (before,), (after,) = hierarchy.relations(), other.relations()
+    assert np.allclose(np.abs(after.normal), np.abs(before.normal))
+    assert np.isclose(after.point[0], before.point[0] + 1)

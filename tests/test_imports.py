@@ -29,7 +29,8 @@ ALLOWED = {
     "deformation": RECORDS | SOLIDS | {"matching"},
     "sampling": RECORDS | SOLIDS | {"deformation"},
     "models": {"errors"},
-    "io": RECORDS | {"fitting", "matching", "models", "evaluation"},
+    "generation": RECORDS | {"matching"},
+    "io": RECORDS | {"fitting", "matching", "models", "evaluation", "generation"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | SOLIDS | {"models"},
     "editing": RECORDS | {"solid", "deformation", "io", "extraction"},
@@ -38,7 +39,23 @@ ALLOWED = {
     "rendering": RECORDS | SOLIDS,
     "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
 }
-TORCH = {"models", "training", "extraction", "inference", "io/fits.py", "io/runs.py", "editing/session.py", "cli"}
+TORCH = {
+    "models",
+    "training",
+    "extraction",
+    "inference",
+    "generation/batching.py",
+    "generation/program_vae.py",
+    "generation/training.py",
+    "generation/decoding.py",
+    "generation/programs.py",
+    "generation/recurrent.py",
+    "io/fits.py",
+    "io/generators.py",
+    "io/runs.py",
+    "editing/session.py",
+    "cli",
+}
 PYARROW = {"io"}
 YAML = {"params.py", "planning.py", "workspace.py"}
 

@@ -1,7 +1,9 @@
 """What a stage may ask of a structure, whatever holds the parts together."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
+from cagesdf.cuboid import Cuboid
 from cagesdf.frames import Similarity
 from cagesdf.structure.program import AssemblyProgram
 from cagesdf.structure.relations import Relation
@@ -41,6 +43,13 @@ class Structure(ABC):
     def with_program(self, program: AssemblyProgram) -> "Structure":
         """The structure with another program in the same place. Raises ValueError where there is none."""
         raise ValueError(f"the cuboids of {type(self).__name__} are free of each other, there is no program")
+
+    def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "Structure":
+        """The structure around other cuboids, by part id; its relations keep what they are of what.
+
+        Raises ValueError where cuboids follow from a program.
+        """
+        raise ValueError(f"the cuboids of {type(self).__name__} follow from its program; change that")
 
     @abstractmethod
     def signatures(self) -> dict[str, str]:

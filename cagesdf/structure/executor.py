@@ -27,6 +27,7 @@ from cagesdf.structure.program import (
     Declare,
     Reflect,
     Squeeze,
+    Statement,
     Translate,
     copy_name,
 )
@@ -178,22 +179,30 @@ def _run(block: Block) -> list[Body]:
     """Execute one block; its cuboids in its own frame, declared ones before copies."""
     bodies = {BBOX: Body(BBOX, block.size, True)}
     for statement in block.statements:
-        match statement:
-            case Attach(a, b, at_a, at_b):
-                _attach(bodies[a], bodies[b], at_a, at_b)
-            case Declare(name, size, aligned):
-                bodies[name] = Body(name, size, aligned)
-            case Squeeze():
-                for attach in statement.attaches():
-                    _attach(bodies[attach.a], bodies[attach.b], attach.at_a, attach.at_b)
-            case Reflect(name, letter):
-                _reflect(bodies, bodies[name], AXES.index(letter))
-            case Translate(name, letter, count, span):
-                axis = AXES.index(letter)
-                for i in range(1, count + 1):
-                    _translate(bodies, bodies[name], axis, block.size[axis] * span * (i / count))
+        run_statement(bodies, statement)
     del bodies[BBOX]
     return sorted(bodies.values(), key=lambda body: body.original != body.name)
+
+
+def run_statement(bodies: dict[str, Body], statement: Statement) -> None:
+    """Execute one statement of a block, after those that made `bodies`, by name, its bbox among them.
+
+    Raises ZeroDivisionError or OverflowError if the numbers degenerate.
+    """
+    match statement:
+        case Attach(a, b, at_a, at_b):
+            _attach(bodies[a], bodies[b], at_a, at_b)
+        case Declare(name, size, aligned):
+            bodies[name] = Body(name, size, aligned)
+        case Squeeze():
+            for attach in statement.attaches():
+                _attach(bodies[attach.a], bodies[attach.b], attach.at_a, attach.at_b)
+        case Reflect(name, letter):
+            _reflect(bodies, bodies[name], AXES.index(letter))
+        case Translate(name, letter, count, span):
+            axis = AXES.index(letter)
+            for i in range(1, count + 1):
+                _translate(bodies, bodies[name], axis, bodies[BBOX].size[axis] * span * (i / count))
 
 
 def _copy(bodies: dict[str, Body], body: Body) -> Body:

@@ -5,11 +5,13 @@ the z axis being their cross product; edges name their ends by position among th
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError
@@ -86,6 +88,23 @@ class PartHierarchy(Structure):
                 children=tuple(renew(child) for child in node.children),
                 relations=tuple(relation.transformed(similarity) for relation in node.relations),
                 cuboid=node.cuboid and node.cuboid.transformed(similarity),
+            )
+
+        return PartHierarchy(renew(self.tree))
+
+    def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "PartHierarchy":
+        """The same tree around other cuboids, by part id; planes, ways and pivots are those between their centres."""
+
+        def centre(node: Node) -> Float[ndarray, " 3"]:
+            return np.mean([cuboids[part.node_id].centre for part in node.walk() if not part.children], axis=0)
+
+        def renew(node: Node) -> Node:
+            centres = {child.node_id: centre(child) for child in node.children}
+            return replace(
+                node,
+                children=tuple(renew(child) for child in node.children),
+                relations=tuple(r.between(centres[r.a], centres[r.b]) for r in node.relations),
+                cuboid=cuboids.get(node.node_id),
             )
 
         return PartHierarchy(renew(self.tree))

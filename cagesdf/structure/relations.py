@@ -1,22 +1,29 @@
 """Relations between sibling parts: attachments and the symmetries of StructureNet."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from cagesdf.frames import Similarity
 
 Vector = tuple[float, float, float]
+MET = 1e-9  # centres nearer than this have no direction between them
+
+
+def _vector(values: ndarray) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def _point(point: Vector, similarity: Similarity) -> Vector:
-    x, y, z = similarity.to_canonical(np.array([point]))[0].tolist()
-    return x, y, z
+    return _vector(similarity.to_canonical(np.array([point]))[0])
 
 
 def _direction(direction: Vector, similarity: Similarity) -> Vector:
-    x, y, z = (similarity.rotation @ direction).tolist()
-    return x, y, z
+    return _vector(similarity.rotation @ direction)
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,10 @@ class Adjacency:
     def transformed(self, similarity: Similarity) -> "Adjacency":
         """The relation taken through a similarity."""
         return replace(self, distance=self.distance * similarity.scale)
+
+    def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Adjacency":
+        """That of parts with other centres, which don't say how far the parts are apart."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,13 @@ class Reflection:
         """The relation taken through a similarity."""
         return replace(self, point=_point(self.point, similarity), normal=_direction(self.normal, similarity))
 
+    def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Reflection":
+        """That of parts with other centres."""
+        way = b - a
+        distance = float(np.linalg.norm(way))
+        normal = _vector(way / distance) if distance > MET else self.normal
+        return replace(self, point=_vector((a + b) / 2), normal=normal)
+
 
 @dataclass(frozen=True)
 class Translation:
@@ -56,8 +74,11 @@ class Translation:
 
     def transformed(self, similarity: Similarity) -> "Translation":
         """The relation taken through a similarity."""
-        x, y, z = (similarity.scale * similarity.rotation @ self.offset).tolist()
-        return replace(self, offset=(x, y, z))
+        return replace(self, offset=_vector(similarity.scale * similarity.rotation @ self.offset))
+
+    def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Translation":
+        """That of parts with other centres."""
+        return replace(self, offset=_vector(b - a))
 
 
 @dataclass(frozen=True)
@@ -73,6 +94,11 @@ class Rotation:
     def transformed(self, similarity: Similarity) -> "Rotation":
         """The relation taken through a similarity."""
         return replace(self, pivot=_point(self.pivot, similarity), axis=_direction(self.axis, similarity))
+
+    def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Rotation":
+        """That of parts with other centres, about the same direction by the same angle."""
+        way = np.cross(self.axis, b - a) / (2 * math.tan(self.angle / 2)) if abs(self.angle) > MET else 0
+        return replace(self, pivot=_vector((a + b) / 2 + way))
 
 
 Relation = Adjacency | Reflection | Translation | Rotation

@@ -1,0 +1,46 @@
+"""New structures: programs that ShapeAssembly's autoencoder writes (§4.4)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from cagesdf.frames import Similarity
+from cagesdf.generation.decoding import decode
+from cagesdf.generation.generator import Generated, Generator, Samples, samples_of
+from cagesdf.generation.novelty import standing
+from cagesdf.generation.program_vae import ProgramVAE
+from cagesdf.generation.tokens import tokens_of
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.executor import execute
+from cagesdf.structure.program import AssemblyProgram
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramGenerator(Generator):
+    """Programs from ShapeAssembly's autoencoder."""
+
+    model: ProgramVAE
+    reach: float  # distance of the farthest corner of a cage, canonical units: the training cages' median
+
+    def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
+        """As for any generator; the normal numbers are the programs' codes."""
+        codes = temperature * rng.standard_normal((count, self.model.code))
+        programs = decode(self.model.decoder, torch.from_numpy(codes).float())
+        return samples_of([program if isinstance(program, str) else self.placed(program) for program in programs])
+
+    def placed(self, program: AssemblyProgram) -> Generated:
+        """A program where a shape's would be."""
+        similarity: Similarity = standing(execute(program), self.reach)
+        assembly = Assembly(program, similarity)
+        return Generated(assembly, assembly.cage())
+
+    def rebuilt(self, programs: Mapping[str, AssemblyProgram]) -> dict[str, Generated | str]:
+        """What becomes of programs that are written from their own mean codes, or why nothing does."""
+        codes = self.model.codes([tokens_of(program) for program in programs.values()])
+        written = decode(self.model.decoder, codes)
+        return {
+            name: program if isinstance(program, str) else self.placed(program)
+            for name, program in zip(programs, written)
+        }

@@ -1,0 +1,147 @@
+"""What is written from codes, trained or not, is a valid program or says why it is none."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+import torch
+
+from cagesdf.generation.decoding import ASIDE, THINNEST, decode
+from cagesdf.generation.program_vae import ProgramVAE
+from cagesdf.generation.programs import ProgramGenerator
+from cagesdf.generation.rules import BlockRules
+from cagesdf.generation.tokens import (
+    CUBOID,
+    END,
+    FACE_NAMES,
+    PHASE,
+    command_of,
+    program_of,
+    tokens_of,
+)
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.canonical import exact_signature
+from cagesdf.structure.executor import execute
+from cagesdf.structure.program import AXES, AssemblyProgram, Declare, Reflect, Squeeze, Translate, numbers_of
+
+REASONS = {
+    "degenerate numbers",
+    "cuboid shrunk to nothing",
+    "cuboid outside its block",
+    "part outside the program's bbox",
+    "too many blocks",
+}
+
+
+def untrained(seed: int) -> ProgramVAE:
+    """One whose choices differ from code to code and line to line, and whose numbers are not absurd."""
+    model = ProgramVAE.drawn(24, 6, seed)
+    decoder = model.decoder
+    with torch.no_grad():
+        for head in (decoder.command, decoder.operands, decoder.aligned, decoder.leaf, decoder.copies, decoder.squeeze):
+            head[-1].weight.mul_(8.0)
+        for parameter in decoder.writer.parameters():
+            parameter.mul_(4.0)
+        for head, value in ((decoder.bbox, 1.0), (decoder.lengths, 0.3), (decoder.places, 0.5), (decoder.squeeze, 0.5)):
+            head[-1].bias.fill_(value)
+    return model
+
+
+def codes(count: int, seed: int) -> torch.Tensor:
+    return torch.randn(count, 6, generator=torch.Generator().manual_seed(seed))
+
+
+@pytest.fixture(scope="module")
+def written() -> list[AssemblyProgram | str]:
+    return [item for seed in range(12) for item in decode(untrained(seed).decoder, codes(40, seed))]
+
+
+def test_every_code_gives_a_program_that_executes_near_its_bbox_or_a_reason(
+    written: list[AssemblyProgram | str],
+) -> None:
+    found = Counter(item if isinstance(item, str) else "valid" for item in written)
+    assert set(found) <= REASONS | {"valid"}
+    assert found["valid"] > 20, found
+    for program in written:
+        if isinstance(program, AssemblyProgram):
+            size = np.array(program.blocks[0].size)
+            corners = execute(program).corners().reshape(-1, 3)
+            assert (np.abs(corners) - size / 2).max() <= ASIDE * size.max()
+
+
+def test_no_program_breaks_a_rule(written: list[AssemblyProgram | str]) -> None:
+    """Those of phases, operands, axes and faces, asked again of what remained."""
+    seen = Counter()
+    for program in written:
+        if isinstance(program, str):
+            continue
+        for block in program.blocks:
+            rules, phase = BlockRules(block.size), 0
+            for statement in block.statements:
+                command, names = command_of(statement)
+                seen[command] += 1
+                assert PHASE[command] >= phase
+                phase = PHASE[command]
+                known = {name: slot for slot, name in enumerate([*rules.names, *names[: command == CUBOID]])}
+                slots = tuple(known[name] for name in names)
+                assert all(rules.operands(command, slots[:i])[slot] for i, slot in enumerate(slots))
+                if isinstance(statement, Reflect | Translate):
+                    assert rules.axes(command, slots[0])[AXES.index(statement.axis)]
+                if isinstance(statement, Squeeze):
+                    assert rules.faces(slots)[FACE_NAMES.index(statement.face)]
+                if isinstance(statement, Declare):
+                    assert min(numbers_of(statement)) >= np.float32(THINNEST)
+                rules.add(statement)
+            assert rules.commands()[END]
+            assert len(rules.attached()) == len(rules.names) - 1, "nothing is left in mid-air"
+    assert len(seen) == 5, "all statements are tried"
+
+
+def test_a_programs_rows_say_the_same(written: list[AssemblyProgram | str]) -> None:
+    for program in written:
+        if isinstance(program, AssemblyProgram):
+            assert program_of(tokens_of(program)) == program
+
+
+def test_programs_beside_it_do_not_change_a_program() -> None:
+    model, many = untrained(1), codes(30, 3)
+    together = decode(model.decoder, many)
+    alone = [decode(model.decoder, code[None])[0] for code in many]
+    for a, b in zip(together, alone):
+        assert type(a) is type(b)
+        if isinstance(a, AssemblyProgram) and isinstance(b, AssemblyProgram):
+            assert np.allclose(a.parameters(), b.parameters(), atol=1e-4)
+
+
+def test_the_seed_decides_what_is_drawn_and_a_temperature_of_0_draws_the_mean() -> None:
+    models = (untrained(seed) for seed in range(100))
+    model = next(model for model in models if isinstance(decode(model.decoder, torch.zeros(1, 6))[0], AssemblyProgram))
+    generator = ProgramGenerator(model, 1.2)
+
+    def draw(seed: int, temperature: float) -> list[str]:
+        samples = generator.sample(np.random.default_rng(seed), 20, temperature)
+        return [item.structure.to_json() for item in samples.kept]
+
+    assert draw(0, 1.0) == draw(0, 1.0) != draw(1, 1.0)
+    assert len(set(draw(0, 1.0))) > 1
+    mean = decode(model.decoder, torch.zeros(1, 6))[0]
+    assert isinstance(mean, AssemblyProgram)
+    assert draw(0, 0.0) == draw(1, 0.0) == draw(0, 0.0)[:1] * 20
+    again = Assembly.from_json(draw(0, 0.0)[0]).program
+    assert exact_signature(again) == exact_signature(mean)
+    assert np.allclose(again.parameters(), mean.parameters(), atol=1e-5)
+
+
+def test_every_draw_is_kept_or_counted_and_stands_where_shapes_do() -> None:
+    samples = ProgramGenerator(untrained(2), 1.2).sample(np.random.default_rng(0), 50, 1.0)
+    assert len(samples.kept) + sum(samples.failures.values()) == 50
+    assert len(samples.numbers) == len(samples.kept)
+    for item in samples.kept:
+        corners = item.cage.corners().reshape(-1, 3)
+        assert np.allclose(corners.min(axis=0) + corners.max(axis=0), 0, atol=1e-9)
+        assert np.isclose(np.linalg.norm(corners, axis=1).max(), 1.2)
+        assert item.structure.parts() == item.cage.part_ids
+
+
+def test_no_codes_give_no_programs() -> None:
+    assert decode(untrained(0).decoder, torch.zeros(0, 6)) == []
