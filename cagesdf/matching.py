@@ -151,6 +151,14 @@ def _contact_classes(structure: Structure, cage: Cage) -> dict[str, str]:
 
 def touching(cage: Cage) -> Bool[ndarray, "p p"]:
     """Which cuboids are at most CONTACT apart along every separating axis; none touches itself."""
+    return (gaps(cage) <= CONTACT) & ~np.eye(len(cage), dtype=bool)
+
+
+def gaps(cage: Cage) -> Float[ndarray, "p p"]:
+    """How far apart two cuboids are along the separating axis that parts them most, canonical units.
+
+    No more than their distance; negative where they overlap, 0 for a cuboid and itself.
+    """
     a, b = np.triu_indices(len(cage), 1)
     crosses = np.cross(cage.axes[a][:, :, None], cage.axes[b][:, None]).reshape(-1, 9, 3)
     axes = np.concatenate([cage.axes[a], cage.axes[b], crosses], axis=1)
@@ -159,6 +167,6 @@ def touching(cage: Cage) -> Bool[ndarray, "p p"]:
     gap = np.abs(np.einsum("mkx,mx->mk", axes, cage.centre[a] - cage.centre[b]))
     for i in (a, b):
         gap -= np.einsum("mka,ma->mk", np.abs(np.einsum("mkx,max->mka", axes, cage.axes[i])), cage.size[i] / 2)
-    result = np.zeros((len(cage), len(cage)), dtype=bool)
-    result[a, b] = result[b, a] = gap.max(axis=1, initial=-np.inf) <= CONTACT
+    result = np.zeros((len(cage), len(cage)))
+    result[a, b] = result[b, a] = gap.max(axis=1, initial=-np.inf)
     return result

@@ -103,6 +103,18 @@ def render_rows(rows: Sequence[Sequence[Scene]], size: int, processes: int = 1) 
     return [images[end - len(row) : end] for row, end in zip(rows, ends)], drawn_by
 
 
+def side_by_side(pictures: Sequence[Image], columns: int) -> UInt8[ndarray, "height width 3"]:
+    """Pictures of one size as one, in rows of `columns`, on white. At least one picture."""
+    size = len(pictures[0])
+    page = np.full((-(-len(pictures) // columns) * size, min(columns, len(pictures)) * size, 3), 255, np.uint8)
+    for i, picture in enumerate(pictures):
+        top, left = (size * place for place in divmod(i, columns))
+        alpha = picture[..., 3:] / 255
+        blended = picture[..., :3] * alpha + 255 * (1 - alpha)
+        page[top : top + size, left : left + size] = blended.round().astype(np.uint8)
+    return page
+
+
 def _render_all(work: list[tuple[Scene, View]], size: int, processes: int) -> tuple[list[Image], str]:
     for window in WINDOWS if work else ():
         # A fresh interpreter: VTK reads its variables once, and forking threads is unsafe.

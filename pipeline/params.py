@@ -191,6 +191,20 @@ class EditsParams(Params):
     loose: Literal["keep", "drop"]
 
 
+class GenerateParams(Params):
+    """New shapes of an arm; `outside`, `overlap` and `loose` as extract_meshes'."""
+
+    shapes: Count  # by each of its methods
+    temperature: NonNegative  # of cages and codes; 1 draws them as they were spread in training
+    tau: Positive | Literal["likelihood"]  # temperature of the weights of similar cages' codes, canonical units
+    resolution: Count  # cells along [-1.05, 1.05]
+    outside: Literal["union", "constant"]
+    overlap: Literal["deepest", "union", "blend"]
+    loose: Literal["keep", "drop"]
+    points: Count  # on each surface
+    seed: Natural
+
+
 class ReportParams(Params):
     """What the page shows."""
 
@@ -213,6 +227,7 @@ SECTIONS: dict[str, type[Params]] = {
     "evaluate_progress": ProgressParams,
     "make_trials": TrialsParams,
     "evaluate_edits": EditsParams,
+    "generate": GenerateParams,
     "report": ReportParams,
 }
 
@@ -224,6 +239,7 @@ class RunParams(BaseModel):
 
     categories: tuple[str, ...]
     arms: tuple[str, ...]
+    generators: tuple[str, ...]  # those of the arms that new shapes are made with
     code: str  # path of the project's root from the folder of params.yaml
 
 
@@ -285,6 +301,7 @@ def check(path: Path) -> dict[str, Params]:
         problems[before:] = [p for p in problems[before:] if p.split(":")[0].split(".", 2)[2] not in told]
     if run is not None:
         problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
+        problems += [f"run.generators: no arm {name!r} in run.arms" for name in run.generators if name not in run.arms]
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     return sections

@@ -25,7 +25,7 @@ WORK = 2e11  # multiplications that a measured training makes, about: a second o
 CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
 PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "train", "extract_meshes", "evaluate",
-            "evaluate_progress", "make_trials", "evaluate_edits"}  # fmt: skip
+            "evaluate_progress", "make_trials", "evaluate_edits", "generate"}  # fmt: skip
 SMALL: dict[str, Any] = {
     "synthesize": {"train": SHAPES, "val": 0},
     "match_targets": {"unmatched": "scale"},
@@ -34,10 +34,12 @@ SMALL: dict[str, Any] = {
     "make_trials": {"swaps": 0},  # so few shapes may have none
     "train": {"snapshots": []},
     "train_programs": {"steps": 200, "samples": 10},
+    "generate": {"shapes": SHAPES},
 }
 # A network costs the same in every category: these are measured in the first one only.
-ONCE = {"train", "extract_meshes", "evaluate", "evaluate_edits", "evaluate_progress"}
-DRAWN = ("surfaces", "trials")  # units that aren't one a shape
+ONCE = {"train", "extract_meshes", "evaluate", "evaluate_edits", "evaluate_progress", "generate"}
+CUT = ("extract_meshes", "generate")  # whose surfaces are measured with CELLS cells at most
+DRAWN = ("surfaces", "trials", "new shapes")  # units that aren't one a shape
 REJECTING = ("import_shapes", "fit_cuboids", "match_targets", "deform_sequences", "sample_points", "train_programs")
 WEIGHTS = ("train", "train_programs")  # whose outputs are as large after many steps as after few
 
@@ -118,8 +120,9 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
     `content` is that of a params.yaml. Shapes, networks and numbers of points are the run's own,
     resolutions too up to CELLS; trainings take `training_steps` of at most CHUNKS groups.
     """
-    resolution = content["extract_meshes"]["resolution"]
-    small = merged(merged(content, SMALL), {"extract_meshes": {"resolution": min(resolution, CELLS)}})
+    small = merged(
+        merged(content, SMALL), {name: {"resolution": min(content[name]["resolution"], CELLS)} for name in CUT}
+    )
     for name in REJECTING:
         small = merged(small, {name: {"max_rejected": 1.0}})
     graph = yaml.safe_load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
@@ -132,13 +135,24 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
         for category in run["categories"]
         for stage, command in stages.items()
         if stage not in ONCE or category == run["categories"][0]
-        for arm in (run["arms"] if "${item.arm}" in command else [""])
+        for arm in _arms(graph[stage], run)
     ]
     with _alone(folder):
         return [
             _measured(stage, command, category, arm, sections, clock)
             for stage, command, category, arm in progress(todo, len(todo), "stages measured")
         ]
+
+
+def _arms(stage: dict[str, Any], run: dict[str, Any]) -> list[str]:
+    """The arms that a stage of dvc.yaml is multiplied by; [""] where it isn't."""
+    matrix = stage["matrix"].get("arm")
+    return run[matrix.removeprefix("${run.").removesuffix("}")] if matrix else [""]
+
+
+def _methods(arm: Any) -> int:
+    """How many ways an arm has to draw codes."""
+    return 2 if arm.points_of == "cage" else 1
 
 
 def training_steps(params: Any) -> int:
@@ -173,6 +187,8 @@ def _measured(
         items = {"surfaces": counts.surfaces, "trials": counts.trials}.get(_unit(stage), SHAPES)
         if stage == "extract_meshes" and sections[f"arms.{arm}"].latents == "deformed":
             items = min(sections["extract_meshes"].sources, SHAPES)
+        if stage == "generate":
+            items = SHAPES * _methods(sections[f"arms.{arm}"])
     out = next(path for path in reversed(arguments) if isinstance(path, Path))
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     return Measured(stage, category, arm, seconds, items, size, _highest())
@@ -210,7 +226,9 @@ def _unit(stage: str) -> str:
     units = {"deform_sequences": "sequences", "match_targets": "sequences", "sample_points": "deformed shapes"}
     surfaces = dict.fromkeys(("extract_meshes", "evaluate"), "surfaces")
     trials = dict.fromkeys(("make_trials", "evaluate_edits"), "trials")
-    return {**units, **surfaces, **trials, "train": "points", "train_programs": "steps"}.get(stage, "shapes")
+    return {**units, **surfaces, **trials, "train": "points", "train_programs": "steps", "generate": "new shapes"}.get(
+        stage, "shapes"
+    )
 
 
 def estimate(
@@ -251,7 +269,7 @@ def _estimate(
 
 def _finer(stage: str, sections: dict[str, Any]) -> float:
     """How much more an item is than a measured one: surfaces grow with the square of the cells along them."""
-    return max(sections[stage].resolution / CELLS, 1.0) ** 2 if stage == "extract_meshes" else 1.0
+    return max(sections[stage].resolution / CELLS, 1.0) ** 2 if stage in CUT else 1.0
 
 
 def _amounts(item: Measured, sections: dict[str, Any], counts: Counts, groups: Groups) -> tuple[int, int]:
@@ -262,6 +280,8 @@ def _amounts(item: Measured, sections: dict[str, Any], counts: Counts, groups: G
         return arm.steps * arm.batch_chunks * groups.chunk, item.items * groups.chunk
     if item.stage == "train_programs":
         return sections[item.stage].steps, SMALL[item.stage]["steps"]
+    if item.stage == "generate":
+        return sections[item.stage].shapes * _methods(sections[f"arms.{item.arm}"]), item.items
     if item.stage == "evaluate_progress":
         shapes = min(sections[item.stage].shapes, counts.sequences)
         return shapes * (1 + len(sections["train"].snapshots)), min(shapes, SHAPES)

@@ -6,7 +6,7 @@ import pytest
 from cagesdf import rendering
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.meshes import Mesh
-from cagesdf.rendering import CAMERA, CLAY, Scene, View, draw_with_matplotlib, render_rows
+from cagesdf.rendering import CAMERA, CLAY, Scene, View, draw_with_matplotlib, render_rows, side_by_side
 from cagesdf.solid import CUBE_FACES, cage_surface
 
 SIZE = 64
@@ -134,3 +134,14 @@ def test_an_empty_mesh_is_an_empty_picture() -> None:
     nothing = Scene((Mesh(np.zeros((0, 3)), CUBE_FACES[:0]),), (CLAY,))
     (images,), _ = render_rows([[nothing]], SIZE)
     assert not images[0][..., 3].any()
+
+
+def test_pictures_side_by_side_fill_rows_on_white() -> None:
+    red, clear = np.zeros((2, 4, 4, 4), np.uint8)
+    red[...] = [255, 0, 0, 255]
+    page = side_by_side([clear, red, red], 2)
+    assert page.shape == (8, 8, 3)
+    assert (page[:4, :4] == 255).all()
+    assert (page[:4, 4:] == [255, 0, 0]).all()
+    assert (page[4:, :4] == [255, 0, 0]).all()
+    assert (page[4:, 4:] == 255).all()

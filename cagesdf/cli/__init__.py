@@ -10,6 +10,7 @@ from importlib.metadata import version
 import cyclopts
 
 from cagesdf.cli.fitting import fit
+from cagesdf.cli.generating import generate
 from cagesdf.cli.inspecting import inspect
 from cagesdf.cli.planning import plan
 from cagesdf.cli.programs import execute_programs, signature
@@ -22,7 +23,7 @@ app = cyclopts.App(
     version=lambda: version("cagesdf"),
     version_flags=["--version"],
 )
-for command in (inspect, extract, edit, swap, fit, signature, check, sdf, plan):
+for command in (inspect, extract, edit, swap, fit, generate, signature, check, sdf, plan):
     app.command(command)
 app.command(execute_programs, name="execute")
 

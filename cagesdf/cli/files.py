@@ -1,9 +1,10 @@
-"""Files that commands write: whole or not at all, into folders that exist."""
+"""Files and folders that commands write: whole or not at all, into folders that exist."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from cagesdf.errors import InputError
 
@@ -23,3 +24,13 @@ def replacing(out: Path) -> Iterator[Path]:
         os.replace(partial, out)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """A folder beside `out`, which gets its name once what is written there is whole."""
+    with TemporaryDirectory(prefix=".partial-", dir=out.resolve().parent) as beside:
+        folder = Path(beside) / "new"
+        folder.mkdir()
+        yield folder
+        folder.rename(out)

@@ -5,10 +5,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from cagesdf.cli.files import check_folder
+from cagesdf.cli.files import check_folder, new_folder
 from cagesdf.cli.shapes import IMPORT
 from cagesdf.cli.surfaces import LEAST
 from cagesdf.errors import InputError, ShapeRejected
@@ -88,7 +87,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         measured = inference.measure(found, surface.mesh, **MEASURE, rng=rng)
     told = inference.report(found, surface, measured)
     raw = surface.mesh.with_vertices(shape.similarity.to_raw(surface.mesh.vertices))
-    with _new_folder(out_dir) as folder:
+    with new_folder(out_dir) as folder:
         write_fit(folder, prepared.fitted, found.inferred.code, found.inferred.film, raw, told)
     print(json.dumps({"out": str(out_dir), **told, "seconds": seconds}, ensure_ascii=False))
 
@@ -121,13 +120,3 @@ def _timed(seconds: dict[str, float], what: str) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds[what] = round(time.perf_counter() - start, 4)
-
-
-@contextmanager
-def _new_folder(out: Path) -> Iterator[Path]:
-    """A folder beside `out`, which gets its name once what is written there is whole."""
-    with TemporaryDirectory(prefix=".partial-", dir=out.resolve().parent) as beside:
-        folder = Path(beside) / "fit"
-        folder.mkdir()
-        yield folder
-        folder.rename(out)

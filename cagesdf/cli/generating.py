@@ -1,0 +1,212 @@
+"""The command that makes new shapes with a trained network."""
+
+import json
+import math
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from cagesdf.cli.files import check_folder, new_folder
+from cagesdf.cli.surfaces import LEAST
+from cagesdf.errors import InputError
+
+if TYPE_CHECKING:
+    from cagesdf.generation.generator import Generated
+    from cagesdf.io.generated import GeneratedShape
+    from cagesdf.io.runs import Run
+
+MOST = 100_000  # shapes
+POINTS = 2048  # that a surface is sampled with before it is written
+COLUMNS = 8  # pictures in a row of the sheet
+CELL = 220  # pixels along a side of one of them
+SHOWN = 64  # shapes on the sheet, at most
+
+
+def generate(
+    run: Path,
+    /,
+    *,
+    out: Path,
+    count: int = 16,
+    latent: Literal["independent", "dependent"] | None = None,
+    seed: int = 0,
+    temperature: float = 1.0,
+    program: Path | None = None,
+    programs: Path | None = None,
+    resolution: int = 128,
+    ending: Literal["ply", "obj", "stl", "glb"] = "glb",
+) -> None:
+    """Make new shapes: new cuboids, new latent codes, and the surfaces that a trained network gives for them.
+
+    Prints how many have a surface, stand, and how long it took, as a JSON object.
+
+    Parameters
+    ----------
+    run
+        A folder that `train` wrote, such as data/runs/chair/cagesdf.
+    out
+        A new folder, in one that exists: a mesh and a program (.txt) or hierarchy (.json) for each shape, canonical
+        (y up, centred, in the unit sphere); index.jsonl with a line for each; sheet.png, a picture of the first 64.
+    count
+        How many shapes.
+    latent
+        How codes are drawn: independent of the cuboids, or dependent (the default), so that codes of shapes with
+        similar cuboids are likelier. An arm without cuboids has one way only.
+    seed
+        Of all that is drawn.
+    temperature
+        How far new cuboids and codes are from those trained on; 1 draws as they are spread, 0 their middles.
+    program
+        A ShapeAssembly program whose cuboids all shapes get, instead of new ones.
+    programs
+        A folder that `train_programs` wrote; without it, data/programs/chair for the run above.
+    resolution
+        Cells along 2.1 times the radius of the unit sphere.
+    ending
+        The format of the meshes; .obj and .glb are cut into parts and have the cuboids too.
+    """
+    _check(out, count, seed, temperature, resolution)
+    seconds = time.perf_counter()
+    import torch
+
+    from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+    from cagesdf.generating import Extracting, code_source, counts, has_cuboids, make_shape, orders
+    from cagesdf.io.runs import read_run
+    from pipeline.executor import item_rng, workers
+
+    torch.set_num_threads(1)
+    trained = read_run(run)
+    if not has_cuboids(trained) and (latent or program or programs):
+        raise InputError(f"{run}: was trained without cuboids, so --latent, --program and --programs say nothing to it")
+    if program is not None and programs is not None:
+        raise InputError("--program and --programs: wanted one of them")
+    drawn = _drawn(run, trained, program, programs, count, seed, temperature)
+    method = (latent or "dependent") if has_cuboids(trained) else "isotropic"
+    source = code_source(trained, method, None)
+    todo = orders(drawn, {method: source}, seed, partial(item_rng, seed, "code"), temperature)
+    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS)
+    with new_folder(out) as folder, ThreadPoolExecutor(workers()) as pool:
+        make = partial(make_shape, trained, how)
+        rngs = [item_rng(seed, "points", order.method, order.shape_id) for order in todo]
+        shapes = []
+        with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
+            for shape in pool.map(make, rngs, todo):
+                entry = _written(folder, shape, ending)
+                stream.write(json.dumps(entry, ensure_ascii=False) + "\n")
+                shapes.append(shape)
+        _sheet(folder / "sheet.png", shapes[:SHOWN])
+    told = {
+        "out": str(out),
+        "method": method,
+        **source.about(),
+        "asked": count,
+        **counts([shape.row() for shape in shapes]),
+        "seconds": round(time.perf_counter() - seconds, 2),
+    }
+    print(json.dumps(told, ensure_ascii=False))
+
+
+def _check(out: Path, count: int, seed: int, temperature: float, resolution: int) -> None:
+    """Raise InputError before anything is done in vain."""
+    if not 1 <= count <= MOST:
+        raise InputError(f"--count {count}: wanted 1 to {MOST:,}")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: wanted 0 or more")
+    if not 0 <= temperature < math.inf:
+        raise InputError(f"--temperature {temperature}: wanted 0 or more; 1 is usual")
+    if resolution < LEAST:
+        raise InputError(f"--resolution {resolution}: wanted at least {LEAST} cells; 128 is usual, 256 is fine")
+    if out.exists():
+        raise InputError(f"{out}: is there already; name a new folder")
+    check_folder(out)
+
+
+def _drawn(
+    run: Path, trained: "Run", program: Path | None, programs: Path | None, count: int, seed: int, temperature: float
+) -> list[tuple[int, "Generated | None"]]:
+    """Cages with the numbers of their draws. InputError if none is valid or nothing draws them."""
+    from cagesdf.generating import draw_cages, has_cuboids, of_program
+    from cagesdf.io.generators import GENERATOR, read_generator
+    from cagesdf.structure.parsing import read_program
+    from pipeline.executor import item_rng
+
+    if not has_cuboids(trained):
+        return [(number, None) for number in range(count)]
+    if program is not None:
+        return [(0, of_program(read_program(program), trained))] * count
+    there = run.resolve()
+    folder = programs or there.parent.parent.parent / "programs" / there.parent.name
+    if not (folder / GENERATOR).is_file():
+        what = "--programs" if programs else f"new cuboids for {run} are looked for in {folder}"
+        wanted = "a folder that train_programs wrote (dvc repro train_programs); or give a --program"
+        raise InputError(f"{what}: there is no {folder / GENERATOR}; wanted {wanted}")
+    samples = draw_cages(read_generator(folder).generator, item_rng(seed, "cages"), count, temperature)
+    if not samples.kept:
+        reasons = "; ".join(f"{number} times: {reason}" for reason, number in samples.failures.items())
+        raise InputError(f"{folder}: no draw gave a valid shape ({reasons}); train it longer, or lower --temperature")
+    return list(zip(samples.numbers, samples.kept))
+
+
+def _written(folder: Path, shape: "GeneratedShape", ending: str) -> dict[str, Any]:
+    """Write a shape's files; its line of the index."""
+    from cagesdf.io.exports import write_model
+
+    row = shape.row()
+    entry: dict[str, Any] = {"id": shape.shape_id, "status": shape.status, "mesh": None, "structure": None}
+    if len(shape.mesh.faces):
+        entry["mesh"] = f"{shape.shape_id}.{ending}"
+        write_model(folder / entry["mesh"], _model(shape))
+    if shape.structure is not None:
+        placed = shape.structure.placed_program()
+        entry["structure"] = f"{shape.shape_id}.{'txt' if placed else 'json'}"
+        text = str(placed[0]) if placed else shape.structure.to_json() + "\n"
+        (folder / entry["structure"]).write_text(text, encoding="utf-8", newline="\n")
+    kept = ("method", "seed", "draw", "effective", "vertices", "faces", "closed", "components", "clipped", "rooted",
+            "stable", "part_ids")  # fmt: skip
+    numbers = {"cuboids": shape.cage.vectors().tolist(), "latent": shape.latent.tolist()}
+    return entry | {name: row[name] for name in kept} | numbers
+
+
+def _model(shape: "GeneratedShape") -> Any:
+    """The surface cut by cuboid, with the cuboids; of an arm without cuboids it is one part in its bounding box."""
+    import numpy as np
+
+    from cagesdf.cuboid import CORNER_ORDER
+    from cagesdf.editing.parts import part_names
+    from cagesdf.io.exports import Model, as_stored
+    from cagesdf.meshes import Mesh
+    from cagesdf.solid import CUBE_FACES
+
+    surface = as_stored(shape.mesh)
+    if shape.structure is None:
+        low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+        box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
+        return Model(surface, np.zeros(len(surface.faces), np.int64), {"shape": box})
+    owner, _ = shape.cage.assign(surface.corners().mean(axis=1))
+    names = part_names(shape.structure)
+    corners = zip(shape.cage.part_ids, shape.cage.corners())
+    return Model(surface, owner, {names[part]: Mesh(box, CUBE_FACES) for part, box in corners})
+
+
+def _sheet(path: Path, shapes: "list[GeneratedShape]") -> None:
+    """A picture of shapes, each beside its cuboids."""
+    from PIL import Image
+
+    from cagesdf.rendering import render_rows, side_by_side
+
+    scenes = list(_scenes(shapes))
+    [pictures], _ = render_rows([scenes], CELL)
+    Image.fromarray(side_by_side(pictures, COLUMNS)).save(path)
+
+
+def _scenes(shapes: "list[GeneratedShape]") -> Iterator[Any]:
+    from cagesdf.rendering import CLAY, PART_COLOURS, Scene
+
+    for shape in shapes:
+        if len(shape.cage):
+            colours = tuple(PART_COLOURS[i % len(PART_COLOURS)] for i in range(len(shape.cage)))
+            yield Scene(cage=shape.cage, cage_colours=colours)
+        yield Scene((shape.mesh,), (CLAY,))

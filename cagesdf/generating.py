@@ -1,0 +1,252 @@
+"""New surfaces from a trained network: cages, codes for them, surfaces, and whether they hold (§4.4)."""
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+from numpy import ndarray
+
+from cagesdf.cuboid import Cage
+from cagesdf.errors import InputError
+from cagesdf.extraction import FIELDS, Extraction, extract
+from cagesdf.extraction.field import Outside, Overlap
+from cagesdf.extraction.surface import NOTHING, Loose
+from cagesdf.generation.cage_distance import cage_distances
+from cagesdf.generation.generator import Generated, Generator, Samples
+from cagesdf.generation.latent_kde import IsotropicGaussian, LatentKde, effective_number, similarity_weights
+from cagesdf.generation.novelty import reach_of, standing
+from cagesdf.io.generated import BROKEN, EMPTY, OK, GeneratedShape
+from cagesdf.io.runs import Run
+from cagesdf.meshes import sample_surface
+from cagesdf.stability import rooted, stable
+from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.executor import execute
+from cagesdf.structure.program import AssemblyProgram
+
+ROUNDS = 8  # draws for each cage that is wanted, at most
+NO_CAGE = Cage.of({})
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """A latent code that was drawn."""
+
+    latent: Float32[ndarray, " d"]
+    effective: float  # number of kernels that it could be from
+
+
+class CodeSource(ABC):
+    """Where the codes of new shapes come from; see `code_source`."""
+
+    @abstractmethod
+    def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
+        """A code for a cage. `temperature` scales how far codes are from the training codes, or from their mean."""
+
+    def about(self) -> dict[str, Any]:
+        """What is to be known of it, for JSON."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class Independent(CodeSource):
+    """The paper's ⊥: the training codes' density, whatever the cage."""
+
+    kde: LatentKde
+
+    def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
+        """As for any source; the cage plays no part."""
+        return _drawn(self.kde, self.kde.uniform(1), rng, temperature)
+
+
+@dataclass(frozen=True, eq=False)
+class Dependent(CodeSource):
+    """The training codes' density, those of similar cages weighing more."""
+
+    kde: LatentKde
+    cages: Sequence[Cage]  # of the codes, canonical
+    tau: float  # see `similarity_weights`; canonical units
+    paper: float  # median effective number of kernels that τ = 1 would give the training cages
+
+    @staticmethod
+    def fit(kde: LatentKde, cages: Sequence[Cage], tau: float | None) -> "Dependent":
+        """`tau` None: that under which the training codes are likeliest, each given the other shapes."""
+        apart = cage_distances(cages, cages)
+        chosen = kde.likeliest_tau(apart) if tau is None else tau
+        return Dependent(kde, cages, chosen, float(np.median(effective_number(similarity_weights(apart, 1.0)))))
+
+    def weights(self, cage: Cage) -> np.ndarray:
+        """Of the kernels, for one cage: a row."""
+        return similarity_weights(cage_distances([cage], self.cages), self.tau)
+
+    def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
+        """As for any source."""
+        return _drawn(self.kde, self.weights(cage), rng, temperature)
+
+    def about(self) -> dict[str, Any]:
+        """τ, and the number of kernels in effect were it 1."""
+        return {"tau": self.tau, "kernels": len(self.cages), "effective_at_1": self.paper}
+
+
+@dataclass(frozen=True, eq=False)
+class Isotropic(CodeSource):
+    """DeepSDF's: one Gaussian fitted to all codes."""
+
+    gaussian: IsotropicGaussian
+
+    def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
+        """As for any source; there is no cage."""
+        return Code(self.gaussian.sample(rng, 1, temperature)[0].astype(np.float32), 1.0)
+
+
+def _drawn(kde: LatentKde, weights: np.ndarray, rng: np.random.Generator, temperature: float) -> Code:
+    [code] = kde.sample(rng, weights, temperature)
+    return Code(code.astype(np.float32), float(effective_number(weights)[0]))
+
+
+def has_cuboids(run: Run) -> bool:
+    """Whether an arm was trained on cuboids; the others make whole shapes from a code alone."""
+    return run.params["points_of"] == "cage"
+
+
+def methods_of(run: Run) -> tuple[str, ...]:
+    """The ways to draw codes for an arm: Table 3's."""
+    return ("independent", "dependent") if has_cuboids(run) else ("isotropic",)
+
+
+def code_source(run: Run, method: str, tau: float | None) -> CodeSource:
+    """One of `methods_of` an arm; `tau` as for `Dependent.fit`."""
+    if method == "isotropic":
+        return Isotropic(IsotropicGaussian.fit(run.latents.values.double().cpu().numpy()))
+    kde = LatentKde.fit(np.stack([run.latent(name, 0).double().cpu().numpy() for name in sorted(run.sequences)]))
+    return Independent(kde) if method == "independent" else Dependent.fit(kde, rest_cages(run), tau)
+
+
+def rest_cages(run: Run) -> list[Cage]:
+    """The training shapes' cages, in the order of their ids."""
+    return [run.sequences[name].cages[0] for name in sorted(run.sequences)]
+
+
+def draw_cages(generator: Generator, rng: np.random.Generator, count: int, temperature: float) -> Samples:
+    """Draw until `count` cages are valid, at most ROUNDS · `count` times; every draw is numbered and counted."""
+    kept: list[Generated] = []
+    numbers: list[int] = []
+    failures: Counter[str] = Counter()
+    drawn = 0
+    while len(kept) < count and drawn < ROUNDS * count:
+        asked = min(count - len(kept), ROUNDS * count - drawn)
+        samples = generator.sample(rng, asked, temperature)
+        kept += samples.kept
+        numbers += [drawn + number for number in samples.numbers]
+        failures.update(samples.failures)
+        drawn += asked
+    return Samples(tuple(kept), tuple(numbers), dict(sorted(failures.items())))
+
+
+def of_program(program: AssemblyProgram, run: Run) -> Generated:
+    """A program placed as the training shapes are: in the middle, as far out as they are in the median."""
+    assembly = Assembly(program, standing(execute(program), reach_of(rest_cages(run))))
+    return Generated(assembly, assembly.cage())
+
+
+@dataclass(frozen=True)
+class Extracting:
+    """How surfaces are taken out of the network."""
+
+    resolution: int  # cells along [-HALF_EXTENT, HALF_EXTENT]
+    outside: Outside
+    overlap: Overlap
+    loose: Loose
+    points: int  # on each surface
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """A shape that is to be made."""
+
+    method: str
+    shape_id: str
+    seed: int
+    draw: int
+    generated: Generated | None  # None where the arm knows no cuboids
+    code: Code
+
+
+def orders(
+    drawn: Sequence[tuple[int, Generated | None]],
+    sources: Mapping[str, CodeSource],
+    seed: int,
+    rng_of: Callable[[int], np.random.Generator],
+    temperature: float,
+) -> list[Order]:
+    """Shapes of some draws, numbered, by each method in turn: equal numbers have equal cages and random numbers."""
+    return [
+        Order(
+            method,
+            f"{i:05d}",
+            seed,
+            number,
+            generated,
+            source.draw(rng_of(i), generated.cage if generated is not None else NO_CAGE, temperature),
+        )
+        for method, source in sources.items()
+        for i, (number, generated) in enumerate(drawn)
+    ]
+
+
+def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order) -> GeneratedShape:
+    """The surface of one new shape, points on it, and its checks; one that is empty or broken says so.
+
+    Raises InputError if the network gives values that are not finite.
+    """
+    cage = order.generated.cage if order.generated is not None else NO_CAGE
+    found, status = _surface(run, how, order.code, cage)
+    mesh = found.mesh
+    points = sample_surface(mesh, how.points, rng)[0] if len(mesh.faces) else np.zeros((0, 3))
+    standing_on = order.generated is not None and rooted(cage)
+    return GeneratedShape(
+        order.method,
+        order.shape_id,
+        order.seed,
+        order.draw,
+        order.generated.structure if order.generated is not None else None,
+        cage,
+        order.code.latent,
+        order.code.effective,
+        status,
+        mesh,
+        found.components,
+        found.clipped,
+        found.asked,
+        standing_on,
+        standing_on and stable(cage),
+        points.astype(np.float32),
+    )
+
+
+def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extraction, str]:
+    latent = torch.from_numpy(code.latent).to(run.latents.values.device)
+    field = FIELDS[run.params["points_of"]](run.decoder, latent, cage, how.outside, how.overlap)
+    try:
+        found = extract(field, how.resolution, loose=how.loose)
+    except InputError:  # the network's fault, not the shape's
+        raise
+    except ValueError as error:
+        return Extraction(NOTHING, 0, 0.0, 0, 0, 0.0), f"{BROKEN}: {error}"
+    return found, OK if len(found.mesh.faces) else EMPTY
+
+
+def counts(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """How many rows of an index are what: `shapes` (all), `ok`, `empty`, `broken`, `one_piece`.
+
+    Of an arm with cuboids also `rooted` and `stable`.
+    """
+    kinds = Counter(row["status"].partition(":")[0] for row in rows)
+    found = {"shapes": len(rows), **{kind: kinds[kind] for kind in (OK, EMPTY, BROKEN)}}
+    found["one_piece"] = sum(row["components"] == 1 for row in rows)
+    checks = ("rooted", "stable") if any(row["part_ids"] for row in rows) else ()
+    return found | {name: sum(row[name] for row in rows) for name in checks}

@@ -1,0 +1,91 @@
+"""Make new shapes with a trained arm: new cages, codes by each of its methods, surfaces, checks (§4.4).
+
+python -m stages.generate data/runs/chair/cagesdf data/programs/chair data/generated/chair/cagesdf
+"""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+from cagesdf.generating import (
+    Extracting,
+    Order,
+    code_source,
+    counts,
+    draw_cages,
+    has_cuboids,
+    make_shape,
+    methods_of,
+    orders,
+)
+from cagesdf.generation.generator import Generated, Samples
+from cagesdf.io.generated import KIND, GeneratedShape, write_generated
+from cagesdf.io.generators import read_generator
+from cagesdf.io.runs import Run, read_run
+from pipeline import GenerateParams, artefact, item_rng, progress, run_stage
+from pipeline.executor import workers
+
+
+def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
+    """Read `run` and `programs/`, write `generated/`: the methods of an arm, and all arms, have the same cages."""
+    with artefact.write(KIND, out, inputs={"run": run, "programs": programs}, params=params) as folder:
+        trained = read_run(run)
+        samples, drawn = cages(trained, programs, params)
+        tau = None if params.tau == "likelihood" else params.tau
+        sources = {method: code_source(trained, method, tau) for method in methods_of(trained)}
+        todo = orders(drawn, sources, params.seed, partial(item_rng, params.seed, "code"), params.temperature)
+        outside, overlap, loose = OUTSIDES[params.outside], OVERLAPS[params.overlap], LOOSE[params.loose]
+        how = Extracting(params.resolution, outside, overlap, loose, params.points)
+
+        def make(order: Order) -> GeneratedShape:
+            return make_shape(trained, how, item_rng(params.seed, "points", order.method, order.shape_id), order)
+
+        torch.set_num_threads(1)  # a thread a surface: torch's own would wait for each other on a busy machine
+        about = {
+            "drawn": len(samples.kept) + sum(samples.failures.values()),
+            "failures": dict(samples.failures),
+            "methods": {name: source.about() for name, source in sources.items()},
+        }
+        with ThreadPoolExecutor(workers()) as pool:
+            made = iter(progress(pool.map(make, todo), len(todo), "generate"))
+            rows = write_generated(folder, made, about)
+        for name in sources:
+            print(f"{out.name}, {name}: {summary([row for row in rows if row['method'] == name], about, name)}")
+
+
+def cages(run: Run, programs: Path, params: GenerateParams) -> tuple[Samples, list[tuple[int, Generated | None]]]:
+    """New cages, with the numbers of their draws; of an arm that knows no cuboids as many that are None."""
+    if not has_cuboids(run):
+        return Samples((), (), {}), [(number, None) for number in range(params.shapes)]
+    generator, rng = read_generator(programs).generator, item_rng(params.seed, "cages")
+    samples = draw_cages(generator, rng, params.shapes, params.temperature)
+    return samples, list(zip(samples.numbers, samples.kept))
+
+
+def summary(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any], method: str) -> str:
+    """One line."""
+    found = counts(rows)
+    text = f"{found['shapes']} shapes, {found['ok']} with a surface, {found['one_piece']} in one piece"
+    text += f", {found['empty']} empty, {found['broken']} broken"
+    if "rooted" in found:
+        text += f"; {found['rooted']} rooted, {found['stable']} stable"
+    if about["drawn"]:
+        text += f"; {about['drawn'] - found['shapes']} of {about['drawn']} draws discarded"
+    known = about["methods"][method]
+    if "tau" in known:
+        effective = sorted(row["effective"] for row in rows)
+        middle = effective[len(effective) // 2] if effective else 0.0
+        text += (
+            f"; tau {known['tau']:.3g}: {middle:.1f} of {known['kernels']} codes in effect "
+            f"(tau 1: {known['effective_at_1']:.1f})"
+        )
+    return text
+
+
+if __name__ == "__main__":
+    run_stage(main)
