@@ -3,12 +3,15 @@
 from pipeline import artefact
 from pipeline.executor import counter, device, draw, item_rng, parallel_groups, parallel_map, progress
 from pipeline.params import (
+    CloudsParams,
     DeformParams,
     EditsParams,
     EvaluateParams,
     ExtractParams,
+    FeaturesParams,
     FitParams,
     GenerateParams,
+    GenerationParams,
     ImportParams,
     MatchParams,
     Params,
@@ -25,12 +28,15 @@ from pipeline.params import (
 from pipeline.stage import run_stage
 
 __all__ = [
+    "CloudsParams",
     "DeformParams",
     "EditsParams",
     "EvaluateParams",
     "ExtractParams",
+    "FeaturesParams",
     "FitParams",
     "GenerateParams",
+    "GenerationParams",
     "ImportParams",
     "MatchParams",
     "Params",

@@ -205,10 +205,43 @@ class GenerateParams(Params):
     seed: Natural
 
 
+class CloudsParams(Params):
+    """Shapes that generated ones are compared with, as points."""
+
+    drawn: Natural  # references a category beside the validation shapes, where there are recipes
+    points: Count  # a shape
+    seed: Natural  # another than synthesize's
+
+
+class FeaturesParams(Params):
+    """The classifier whose features generated shapes are compared in."""
+
+    weights: str  # a file as this stage writes it, trained elsewhere; "" trains here
+    train: Count  # shapes a category
+    val: Count  # further shapes a category, of which those recognised are counted
+    points: Count  # a shape
+    widths: tuple[Count, ...]  # of the points' layers; the last is the number of features
+    hidden: Count  # units of the classifier
+    steps: Count  # optimiser steps
+    batch: Count  # shapes a step
+    batch_points: Count  # of each of them
+    learning_rate: Positive
+    seed: Natural
+
+
+class GenerationParams(Params):
+    """How generated shapes are compared with references."""
+
+    points: Count  # of each cloud, for Chamfer distances; features have all that the classifier takes
+    draws: Count  # of as many references as there are generated shapes, at most
+    seed: Natural
+
+
 class ReportParams(Params):
     """What the page shows."""
 
     shapes: Count  # a category, in the comparison picture
+    generated: Count  # of each method
     image_size: Count  # pixels along each side of one cell
     rates: dict[str, Positive]  # points a second that an arm trains on, for the time axis; benchmarks/training.py
 
@@ -228,6 +261,9 @@ SECTIONS: dict[str, type[Params]] = {
     "make_trials": TrialsParams,
     "evaluate_edits": EditsParams,
     "generate": GenerateParams,
+    "make_clouds": CloudsParams,
+    "train_features": FeaturesParams,
+    "evaluate_generation": GenerationParams,
     "report": ReportParams,
 }
 

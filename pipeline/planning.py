@@ -25,7 +25,8 @@ WORK = 2e11  # multiplications that a measured training makes, about: a second o
 CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
 PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "train", "extract_meshes", "evaluate",
-            "evaluate_progress", "make_trials", "evaluate_edits", "generate"}  # fmt: skip
+            "evaluate_progress", "make_trials", "evaluate_edits", "generate", "make_clouds",
+            "evaluate_generation"}  # fmt: skip
 SMALL: dict[str, Any] = {
     "synthesize": {"train": SHAPES, "val": 0},
     "match_targets": {"unmatched": "scale"},
@@ -35,9 +36,12 @@ SMALL: dict[str, Any] = {
     "train": {"snapshots": []},
     "train_programs": {"steps": 200, "samples": 10},
     "generate": {"shapes": SHAPES},
+    "make_clouds": {"drawn": 8},
+    "train_features": {"train": 9, "val": 9, "steps": 20},
 }
 # A network costs the same in every category: these are measured in the first one only.
-ONCE = {"train", "extract_meshes", "evaluate", "evaluate_edits", "evaluate_progress", "generate"}
+ONCE = {"train", "extract_meshes", "evaluate", "evaluate_edits", "evaluate_progress", "generate", "evaluate_generation"}
+TOGETHER = {"train_features"}  # of all categories
 CUT = ("extract_meshes", "generate")  # whose surfaces are measured with CELLS cells at most
 DRAWN = ("surfaces", "trials", "new shapes")  # units that aren't one a shape
 REJECTING = ("import_shapes", "fit_cuboids", "match_targets", "deform_sequences", "sample_points", "train_programs")
@@ -134,7 +138,7 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
         (stage, command, category, arm)
         for category in run["categories"]
         for stage, command in stages.items()
-        if stage not in ONCE or category == run["categories"][0]
+        if stage not in ONCE | TOGETHER or category == run["categories"][0]
         for arm in _arms(graph[stage], run)
     ]
     with _alone(folder):
@@ -226,9 +230,9 @@ def _unit(stage: str) -> str:
     units = {"deform_sequences": "sequences", "match_targets": "sequences", "sample_points": "deformed shapes"}
     surfaces = dict.fromkeys(("extract_meshes", "evaluate"), "surfaces")
     trials = dict.fromkeys(("make_trials", "evaluate_edits"), "trials")
-    return {**units, **surfaces, **trials, "train": "points", "train_programs": "steps", "generate": "new shapes"}.get(
-        stage, "shapes"
-    )
+    steps = dict.fromkeys(("train_programs", "train_features"), "steps")
+    new = {"generate": "new shapes", "evaluate_generation": "references"}
+    return {**units, **surfaces, **trials, **steps, **new, "train": "points"}.get(stage, "shapes")
 
 
 def estimate(
@@ -285,6 +289,11 @@ def _amounts(item: Measured, sections: dict[str, Any], counts: Counts, groups: G
     if item.stage == "evaluate_progress":
         shapes = min(sections[item.stage].shapes, counts.sequences)
         return shapes * (1 + len(sections["train"].snapshots)), min(shapes, SHAPES)
+    if item.stage == "train_features":
+        return sections[item.stage].steps, SMALL[item.stage]["steps"]
+    if item.stage in ("make_clouds", "evaluate_generation"):  # training shapes are compared with as well
+        drawn = sections["make_clouds"].drawn
+        return counts.shapes + drawn, SHAPES + SMALL["make_clouds"]["drawn"]
     if item.stage == "sample_points":
         return counts.deformed, item.items * counts.deformed // counts.sequences
     if unit == "surfaces" and item.arm and sections[f"arms.{item.arm}"].latents == "deformed":

@@ -1,14 +1,16 @@
 """Gather figures, pictures and loss curves of all categories and arms into tables and one page (§4).
 
 python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboids data/sequences \\
-    data/trials data/edits data/progress data/metrics data/report
+    data/trials data/edits data/progress data/generated data/generation data/metrics data/report
 """
 
 import json
 from pathlib import Path
 
+from cagesdf.evaluation.table3 import gather_generation
 from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 from cagesdf.io.edits import read_edits
+from cagesdf.io.generation import read_generation
 from cagesdf.io.progress import read_progress
 from cagesdf.io.scores import read_scores
 from cagesdf.io.trials import read_trials
@@ -28,6 +30,8 @@ def main(
     trials: Path,
     edits: Path,
     progress: Path,
+    generated: Path,
+    generation: Path,
     metrics: Path,
     out: Path,
     params: ReportParams,
@@ -44,6 +48,8 @@ def main(
             edits / name,
             trials / name,
             progress / name,
+            *inside(generated / name),
+            generation / name,
         ]
     }
     tables = gather_tables({name: read_scores(scores / name) for name in names})
@@ -52,6 +58,7 @@ def main(
         {name: [folder.name for folder in inside(runs / name)] for name in names},
     )
     tables["progress"] = gather_progress({name: read_progress(progress / name) for name in names}, params.rates)
+    tables["table3"] = gather_generation({name: read_generation(generation / name) for name in names})
     tables["trials"] = {name: read_trials(trials / name).counts() for name in names}
     categories = [
         read_category(
@@ -62,7 +69,10 @@ def main(
             {folder.name: folder for folder in inside(meshes / name)},
             {folder.name: folder for folder in inside(runs / name)},
             edits / name,
+            {folder.name: folder for folder in inside(generated / name)},
+            generation / name,
             params.shapes,
+            params.generated,
         )
         for name in names
     ]

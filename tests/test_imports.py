@@ -53,6 +53,7 @@ TORCH = {
     "generation/decoding.py",
     "generation/programs.py",
     "generation/recurrent.py",
+    "io/features.py",
     "io/fits.py",
     "io/generators.py",
     "io/runs.py",

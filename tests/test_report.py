@@ -18,12 +18,16 @@ from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.deformation import deform_shape, scaled_cage
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import FIGURES
+from cagesdf.evaluation.generation import FIGURES as GENERATION
 from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.evaluation.table3 import REAL, gather_generation
 from cagesdf.evaluation.tables import PROGRESS
 from cagesdf.evaluation.trials import trial_of
 from cagesdf.fitting.cages import FittedCage
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.edits import write_edit_surfaces, write_edits
+from cagesdf.io.generated import Generated, write_generated
+from cagesdf.io.generation import write_generation
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.progress import write_progress
@@ -35,8 +39,10 @@ from cagesdf.io.trials import read_trials, write_trials
 from cagesdf.rendering import CLAY, Scene
 from cagesdf.report import chart, figures
 from cagesdf.report.chart import log_chart
-from cagesdf.report.gather import part_colours, read_category, spread, swaps
+from cagesdf.report.gather import part_colours, read_category, swaps
+from cagesdf.report.generation import failures, opened, strip
 from cagesdf.report.page import Category, Grid, write_page
+from cagesdf.report.selection import spread
 from cagesdf.shape import Shape
 from cagesdf.solid import cage_surface, union
 from pipeline import Params, ReportParams, artefact
@@ -67,12 +73,28 @@ COURSE = [
     {"points": 40, "seconds": 10.0, "held_out": True, "surface_distance": 0.1, "cd_deepsdf": 0.01, "nc_signed": 0.9},
 ]
 NO_PROGRESS = {"about": {}, "categories": {}}
+NO_TABLE3 = gather_generation({})
+SETS = {"train": 3, "validation": 1, "drawn": 9, "shapes_a_draw": 4, "noise": {"unsquared": 0.0361, "squared": 0.002}}
+
+
+def method(arm: str, name: str, figure: float) -> dict[str, object]:
+    """A row of Table 3."""
+    key = {"arm": arm, "method": name, "draw": 0, "shapes": 4, "failed": 0.0, "recognised": 1.0}
+    return {**key, **dict.fromkeys(GENERATION, figure)}
+
+
+METHODS = [
+    method("cagesdf", "dependent", 0.123),
+    method("deepsdf", "isotropic", 0.456),
+    method(REAL, "drawn", 0.078),
+]
 TABLES = {
     "about": {"version": 1, "points": 30000, "seeds": [0, 1]},
     "table1": TABLE,
     "table2": {"chair": {}},
     "edits": {"about": {}, "categories": {"chair": EDITED}},
     "progress": {"about": {}, "categories": {"chair": dict.fromkeys(("cagesdf", "deepsdf"), COURSE)}},
+    "table3": gather_generation({"chair": (METHODS, {"sets": SETS})}),
 }
 
 
@@ -113,6 +135,8 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
     comparison = Grid(("cuboids", "ground truth", "cagesdf"), (False,) * 3, ("c<1>",), ((boxes, surface, surface),))
     fitting = Grid(("as given", "fitted"), (False,) * 2, ("c<1>",), ((None, boxes),))
     sequence = Grid(("t = 0.0", "t = 0.5"), (False, True), ("truth", "cagesdf"), ((surface, surface), (None, surface)))
+    new = Grid(("rank 50%",), (False,), ("cagesdf, dependent", "nearest training shapes"), ((surface,), (surface,)))
+    failed = Grid(("farthest", "most pieces"), (False,) * 2, ("cagesdf, dependent: up to 2 pieces",), ((surface,) * 2,))
     swapped = Grid(("cuboids of", "style of", "cagesdf"), (False,) * 3, ("median gain, 0.75",), ((surface,) * 3,))
     curve = [(20, 0.1), (40, 0.05), (60, 0.02)]
     return Category(
@@ -125,6 +149,8 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
         comparison,
         sequence,
         swapped,
+        new,
+        failed,
         {"cagesdf": curve, "deepsdf": curve},
     )
 
@@ -146,7 +172,7 @@ def test_the_page_asks_for_nothing_outside_itself(page: str) -> None:
 def test_every_scene_is_a_picture_and_links_inside_the_page_lead_somewhere(page: str) -> None:
     parsed = Page(page)
     assert parsed.open == []
-    assert parsed.images == 7 + 3
+    assert parsed.images == 7 + 3 + 4
     for address in parsed.addresses:
         assert not address.startswith("#") or f'id="{address[1:]}"' in page
 
@@ -190,10 +216,10 @@ def test_the_best_gain_of_the_arms_is_marked_and_who_cannot_be_edited_says_why(p
 
 
 def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
-    bare = Category("stool", 0, 0, {}, BOUNDING, NOTHING, NOTHING, NOTHING, NOTHING, {})
+    bare = Category("stool", 0, 0, {}, BOUNDING, *[NOTHING] * 6, {})
     write_page(
         tmp_path / "index.html",
-        {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS},
+        {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS, "table3": NO_TABLE3},
         [bare],
         48,
         1,
@@ -202,6 +228,17 @@ def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) 
     assert parsed.open == []
     assert parsed.images == 0
     assert "stool" in parsed.words
+    assert "Novel shapes" not in parsed.words
+
+
+def test_generated_shapes_are_told_beside_the_papers_and_the_order_of_methods(page: str) -> None:
+    text = " ".join(" ".join(Page(page).words).split())
+    assert "By FD , the best first: cagesdf, dependent; deepsdf, isotropic." in text.replace("FD,", "FD ,")
+    assert "In the paper: dependent; independent; DeepSDF." in text
+    assert {"489", "55.0"} <= set(text.split()), "the paper's"
+    assert "0.0361 apart" in text
+    assert re.search(r'<td class="best">0\.123', page)
+    assert not re.search(r'class="best">0\.078', page), "a reference"
 
 
 def test_the_best_figure_is_the_lowest_distance_and_the_highest_overlap_and_references_never_win() -> None:
@@ -277,7 +314,7 @@ def test_chosen_shapes_are_different_and_in_order(total: int, count: int) -> Non
 
 GAINS = (0.9, -1.0, 0.5)  # of the stools' swaps
 PARAMS = Params(format=1)
-REPORT = ReportParams(format=1, shapes=2, image_size=32, rates={"cagesdf": 4.0, "deepsdf": 2.0})
+REPORT = ReportParams(format=1, shapes=2, generated=2, image_size=32, rates={"cagesdf": 4.0, "deepsdf": 2.0})
 
 
 @pytest.fixture
@@ -350,6 +387,15 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             for points in (10, 40)
         ]
         write_progress(out, course, {"version": 1})
+    with artefact.write("generated", folder / "generated" / "stool" / "cagesdf", inputs={}, params=PARAMS) as out:
+        balls = [toy.ball([0, 0, 0], 0.5 + 0.1 * i) for i in range(3)]
+        made = [Generated("dependent", i, i, ball, ball.vertices) for i, ball in enumerate(balls)]
+        write_generated(out, made)
+    with artefact.write("generation", folder / "generation" / "stool", inputs={}, params=PARAMS) as out:
+        key = {"arm": "cagesdf", "method": "dependent"}
+        near = [{**key, "number": i, "shape_id": "stool_1", "distance": (3 - i) / 10} for i in range(3)]
+        lost = {**key, "number": 3, "shape_id": "", "distance": np.inf}
+        write_generation(out, METHODS, [*near, lost], {"sets": SETS})
     measured = [(arm, s.shape_id, step) for arm, steps in STEPS.items() for s in sequences for step in steps]
     references = [("cage", "stool_0", 0), ("ground_truth", "stool_0", 0)]
     write_rows(folder / "scores" / "stool", [*measured, *references])
@@ -372,6 +418,7 @@ def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
 
 def make(data: Path, name: str) -> tuple[Path, Path]:
     kinds = ("scores", "meshes", "runs", "shapes", "cuboids", "sequences", "trials", "edits", "progress")
+    kinds += ("generated", "generation")
     report.main(*(data / kind for kind in kinds), data / name / "metrics", data / name / "report", REPORT)
     return data / name / "metrics" / "tables.json", data / name / "report" / "index.html"
 
@@ -385,9 +432,11 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
         "outside_before": 0.0, "outside": 0.0, "volume_ratio": 1.0, "parts": 15, "unbounded": 0,
     }  # fmt: skip
     parsed = Page(page.read_text(encoding="utf-8"))
-    assert parsed.images == 2 + 2 * 4 + 3 + 3 + 2 + 2 * 4, (
-        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions; two swaps"
+    assert parsed.images == 2 + 2 * 4 + 3 + 3 + 2 + 2 * 4 + 4 + 2, (
+        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions; two swaps; two new shapes with "
+        "their neighbours, two failures"
     )
+    assert content["table3"]["orders"]["stool"]["here"]["fd"] == ["cagesdf, dependent", "deepsdf, isotropic"]
     assert content["edits"]["categories"]["stool"]["cagesdf"]["swap"]["gain"]["median"] == 0.5
     assert content["edits"]["categories"]["stool"]["deepsdf"] == {}
     course = content["progress"]["categories"]["stool"]
@@ -420,7 +469,7 @@ def test_numbers_below_a_chart_are_round_begin_at_zero_and_reach_nearly_to_its_e
 def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
     places = {"cagesdf": data / "meshes" / "stool" / "cagesdf"}
     sources = (data / kind / "stool" for kind in ("shapes", "cuboids", "sequences", "trials"))
-    category = read_category(*sources, places, {}, data / "edits" / "stool", 9)
+    category = read_category(*sources, places, {}, data / "edits" / "stool", {}, data / "generation" / "stool", 9, 2)
     assert category.comparison.names == ("stool_0", "stool_1", "stool_2")
     heights = [np.ptp(scene.points()[:, 1]) for scene in category.sequence.scenes[1] if scene]
     assert heights[2] == pytest.approx(1.4 * heights[0])
@@ -437,6 +486,23 @@ def test_the_swaps_shown_are_those_of_median_and_of_least_gain(data: Path, tmp_p
     )  # fmt: skip
     write_edits(tmp_path / "edits.parquet", [], {"version": 1})
     assert swaps(shapes, trials, tmp_path).scenes == ()
+
+
+def test_generated_shapes_are_shown_at_even_ranks_of_their_distance_and_failures_by_a_rule(data: Path) -> None:
+    new, figures_ = opened({"cagesdf": data / "generated" / "stool" / "cagesdf"}), data / "generation" / "stool"
+    grid = strip(read_shapes(data / "shapes" / "stool"), new, figures_, 3)
+    assert grid.columns == ("rank 17%", "rank 50%", "rank 83%")
+    assert grid.names == ("cagesdf, dependent", "nearest training shapes")
+    radii = [np.linalg.norm(scene.points(), axis=1).max() for scene in grid.scenes[0] if scene]
+    assert radii == pytest.approx([0.7, 0.6, 0.5], rel=1e-5), "the last is the nearest"
+    worst = failures(new, figures_)
+    assert worst.names == ("cagesdf, dependent: up to 2 pieces",)
+    radii = [np.linalg.norm(scene.points(), axis=1).max() for scene in worst.scenes[0] if scene]
+    assert radii == pytest.approx([0.5, 0.7], rel=1e-5)
+    assert [scene is None for scene in strip(read_shapes(data / "shapes" / "stool"), new, figures_, 4).scenes[0]] == [
+        False, False, False, True,
+    ]  # fmt: skip
+    assert strip(read_shapes(data / "shapes" / "stool"), {}, figures_, 3).scenes == ()
 
 
 def test_parts_of_one_label_share_a_colour_and_unlabelled_parts_have_their_own() -> None:

@@ -20,7 +20,9 @@ from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import join
 from cagesdf.rendering import CLAY, PART_COLOURS, Scene
 from cagesdf.report.figures import in_order
+from cagesdf.report.generation import failures, opened, strip
 from cagesdf.report.page import Category, Grid
+from cagesdf.report.selection import spread
 from cagesdf.shape import Shape
 from cagesdf.structure.assembly import Assembly
 
@@ -33,12 +35,15 @@ def read_category(
     meshes: Mapping[str, Path],
     runs: Mapping[str, Path],
     edits: Path,
+    generated: Mapping[str, Path],
+    generation: Path,
     count: int,
+    drawn: int,
 ) -> Category:
     """Gather one category from its artefacts, those of the arms by arm; it is named like `shapes`' folder.
 
-    `count` shapes are compared, evenly spread over those that most arms have reconstructed. The
-    deformation shown is the one that moves the cuboids most, of those whose held-out steps have
+    `count` shapes are compared, evenly spread over those that most arms have reconstructed, and `drawn` are
+    shown of each method that generated any. The deformation shown is the one that moves the cuboids most, of those whose held-out steps have
     been reconstructed. Raises InputError for artefacts that can't be read.
     """
     source = read_shapes(shapes)
@@ -46,6 +51,7 @@ def read_category(
     deformations = read_sequences(sequences)
     arms = {arm: read_surfaces(meshes[arm]) for arm in in_order(meshes)}
     compared = spread(_by_coverage(arms, list(deformations)), count)
+    new = opened(generated)
     return Category(
         shapes.name,
         status.count("passed"),
@@ -58,6 +64,8 @@ def read_category(
         if deformations
         else Grid((), (), (), ()),
         swaps(source, read_trials(trials), edits),
+        strip(source, new, generation, drawn),
+        failures(new, generation),
         {arm: read_losses(runs[arm]) for arm in in_order(runs)},
     )
 
@@ -140,12 +148,6 @@ def part_colours(shape: Shape) -> tuple[str, ...]:
     kinds = [part.label or part.part_id for part in shape.parts]
     order = list(dict.fromkeys(kinds))
     return tuple(PART_COLOURS[order.index(kind) % len(PART_COLOURS)] for kind in kinds)
-
-
-def spread(items: Sequence[str], count: int) -> list[str]:
-    """At most `count` items, evenly spread over all, in their order."""
-    count = min(count, len(items))
-    return [items[math.floor((i + 0.5) * len(items) / count)] for i in range(count)]
 
 
 def _by_coverage(arms: Mapping[str, SurfaceFolder], ids: Sequence[str]) -> list[str]:

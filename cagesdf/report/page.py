@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image as Pillow
 
 from cagesdf.rendering import Image, Scene, render_rows
-from cagesdf.report import figures
+from cagesdf.report import figures, table3
 from cagesdf.report.chart import Curve, log_chart
 
 
@@ -38,6 +38,8 @@ class Category:
     comparison: Grid  # shapes × (cuboids, ground truth, arms)
     sequence: Grid  # (ground truth, arms) × steps of one deformation
     swaps: Grid  # swaps × (cuboids of, style of, arms, ground truth)
+    generated: Grid  # (generated shapes, nearest training shapes) of each method × ranks of their distance
+    failures: Grid  # methods × (farthest, most pieces)
     losses: Mapping[str, Curve]  # by arm
 
 
@@ -51,7 +53,14 @@ def write_page(
     grids = [
         grid
         for category in categories
-        for grid in (category.fitting, category.comparison, category.sequence, category.swaps)
+        for grid in (
+            category.fitting,
+            category.comparison,
+            category.sequence,
+            category.swaps,
+            category.generated,
+            category.failures,
+        )
     ]
     pictures, drawn_by = _draw(grids, size, processes)
     filled = iter([_filled(grid, images) for grid, images in zip(grids, pictures)])
@@ -75,6 +84,8 @@ def write_page(
         paper_held_out=[(name, figures.figure(value)) for name, value in figures.PAPER_HELD_OUT.items()],
         metrics=figures.METRICS,
         edits_columns=figures.EDITS,
+        generation_columns=table3.COLUMNS,
+        generation=_generation(tables["table3"], names),
         sections=[
             {
                 "category": category,
@@ -83,6 +94,8 @@ def write_page(
                 "comparison": next(filled),
                 "sequence": next(filled),
                 "swaps": next(filled),
+                "generated": next(filled),
+                "failures": next(filled),
                 "edits": _edits(tables["edits"]["categories"].get(category.name, {})),
                 "chart": log_chart(
                     {arm: category.losses[arm] for arm in figures.in_order(category.losses)}, "loss by training step"
@@ -128,6 +141,19 @@ def _edits(arms: Mapping[str, Any]) -> dict[str, Any]:
         "arms": figures.edit_rows(arms, figures.in_order(arms), ranked=True),
         "references": figures.edit_rows(arms, figures.EDIT_REFERENCES, ranked=False),
     }
+
+
+def _generation(content: Mapping[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Table 3 of each category that has shapes in it, with the orders of methods here and in the paper."""
+    return [
+        {
+            "name": name,
+            "table": table3.table(content["categories"][name], content["paper"].get(name, {})),
+            "orders": content["orders"][name],
+        }
+        for name in names
+        if name in content["categories"] and content["categories"][name]["methods"]
+    ]
 
 
 def _progress(arms: Mapping[str, Any]) -> dict[str, Any]:

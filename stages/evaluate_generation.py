@@ -1,0 +1,166 @@
+"""Measure the shapes that all arms generated against the references: Table 3 (§4.4).
+
+python -m stages.evaluate_generation data/generated/chair data/clouds/chair data/features data/generation/chair
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from cagesdf.errors import ShapeRejected
+from cagesdf.evaluation.clouds import FRESH, Clouds
+from cagesdf.evaluation.generation import (
+    FIGURES,
+    Described,
+    Draw,
+    Scored,
+    definitions,
+    drawn,
+    feature_figures,
+    resampling_noise,
+    score,
+)
+from cagesdf.evaluation.table3 import REAL
+from cagesdf.io.clouds import read_clouds
+from cagesdf.io.features import FILE, Features, read_accuracy, read_features
+from cagesdf.io.generated import read_generated
+from cagesdf.io.generation import write_generation
+from cagesdf.training.features import classify
+from pipeline import GenerationParams, artefact, item_rng, parallel_map, run_stage
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A set of shapes to be scored."""
+
+    arm: str  # whose network made them, or REAL
+    method: str
+    draw: int  # of the set, where several were drawn
+    shapes: Described
+    recognised: float  # share of them that the classifier takes for their category, or NaN
+    reference: Described  # none of the shapes among them
+    draws: Sequence[Draw]  # of these
+
+
+def main(generated: Path, clouds: Path, features: Path, out: Path, params: GenerationParams) -> None:
+    """Read the shapes of all arms, `clouds/` and `features/`, write `generation/`.
+
+    There are no figures where there are fewer than two references: own data without validation shapes.
+    """
+    arms = artefact.inside(generated, "generated")
+    manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
+    inputs = {"clouds": clouds, "features": features}
+    with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:
+        classifier, sets = read_features(features / FILE), read_clouds(clouds)
+        made = {
+            (arm, method): described(classifier, clouds.name, params, *shapes)
+            for arm, path in arms.items()
+            for method, shapes in read_generated(path).clouds().items()
+        }
+        train, reference = (real(classifier, clouds.name, params, sets[name]) for name in ("train", "reference"))
+        size = min([len(reference[0]) // 2, *(len(shapes) for shapes, _ in made.values())])
+        draws = drawn(reference[0], size, params.draws, item_rng(params.seed, "draws")) if size > 1 else []
+        tasks = list(tasks_of(made, train, reference, draws, params)) if draws else []
+        scored, _ = parallel_map(
+            partial(score_one, train[0]), tasks, rejects=ShapeRejected, label="evaluate_generation"
+        )
+        rows = [row_of(task, found.figures) for task, found in zip(tasks, scored)]
+        nearest = [
+            row for task, found in zip(tasks, scored) if task.arm != REAL for row in nearest_rows(task, found, sets["train"])
+        ]
+        if draws:
+            rows.append(halves(reference[0], item_rng(params.seed, "halves")))
+        about = definitions(params.points, classifier.points, params.draws, params.seed)
+        about["features"] = {"classes": len(classifier.classes), **read_accuracy(features)}
+        write_generation(folder, rows, nearest, about | {"sets": sizes(sets, size, params.points)})
+
+
+def described(
+    classifier: Features,
+    category: str,
+    params: GenerationParams,
+    points: Float[ndarray, "n p 3"],
+    failed: Bool[ndarray, " n"],
+) -> tuple[Described, float]:
+    """Shapes with their features, and the share of them that is recognised."""
+    features, classes = classify(classifier.model, classifier.taken(points))
+    right = [classifier.category(int(number)) == category for number in classes] & ~failed
+    known = category in classifier.categories
+    return Described(points[:, : params.points], features, failed), float(right.mean()) if known else np.nan
+
+
+def real(classifier: Features, category: str, params: GenerationParams, clouds: Clouds) -> tuple[Described, float]:
+    """As `described`, of shapes that no network made."""
+    if not len(clouds):
+        return Described(clouds.points, np.zeros((0, 1)), np.zeros(0, bool)), np.nan
+    return described(classifier, category, params, clouds.points, np.zeros(len(clouds), bool))
+
+
+def tasks_of(
+    made: dict[tuple[str, str], tuple[Described, float]],
+    train: tuple[Described, float],
+    reference: tuple[Described, float],
+    draws: Sequence[Draw],
+    params: GenerationParams,
+) -> Iterator[Task]:
+    """Every set of generated shapes; and for comparison training shapes, and each draw of references."""
+    for (arm, method), (shapes, recognised) in made.items():
+        yield Task(arm, method, 0, shapes, recognised, reference[0], draws)
+    size = len(draws[0].rows)
+    if len(train[0]) > 1:
+        rows = item_rng(params.seed, "training").permutation(len(train[0]))[:size]
+        yield Task(REAL, "training", 0, train[0].of(rows), train[1], reference[0], draws)
+    for number, draw in enumerate(draws):
+        others = np.setdiff1d(np.arange(len(reference[0])), draw.rows)
+        rest = [Draw(np.searchsorted(others, other.rows), other.within) for other in draws if other is not draw]
+        shapes = reference[0].of(draw.rows)
+        yield Task(REAL, "drawn", number, shapes, reference[1], reference[0].of(others), rest)
+
+
+def score_one(train: Described, task: Task) -> Scored:
+    """The figures of one set."""
+    return score(task.shapes, train, task.reference, task.draws)
+
+
+def row_of(task: Task, figures: dict[str, float]) -> dict[str, Any]:
+    """A row of the table."""
+    key = {"arm": task.arm, "method": task.method, "draw": task.draw, "shapes": len(task.shapes)}
+    return {**key, "failed": float(task.shapes.failed.mean()), "recognised": task.recognised, **figures}
+
+
+def nearest_rows(task: Task, found: Scored, train: Clouds) -> Iterator[dict[str, Any]]:
+    """One row a generated shape."""
+    for number, (row, distance, failed) in enumerate(zip(found.nearest, found.distance, task.shapes.failed)):
+        shape_id = "" if failed else train.ids[row]
+        yield {"arm": task.arm, "method": task.method, "number": number, "shape_id": shape_id, "distance": distance}
+
+
+def halves(reference: Described, rng: np.random.Generator) -> dict[str, Any]:
+    """The figures of features between two halves of the references, as a row."""
+    order = rng.permutation(len(reference))
+    one, other = (reference.features[rows] for rows in np.array_split(order, 2))
+    key = {"arm": REAL, "method": "halves", "draw": 0, "shapes": len(one), "failed": 0.0, "recognised": np.nan}
+    return {**key, **dict.fromkeys(FIGURES, np.nan), **feature_figures(one, other)}
+
+
+def sizes(sets: dict[str, Clouds], size: int, points: int) -> dict[str, Any]:
+    """What the figures are of."""
+    references = sets["reference"]
+    fresh = sum(shape_id.startswith(FRESH) for shape_id in references.ids)
+    return {
+        "train": len(sets["train"]),
+        "validation": len(references) - fresh,
+        "drawn": fresh,
+        "shapes_a_draw": size,
+        "noise": resampling_noise(references.points, points),
+    }
+
+
+if __name__ == "__main__":
+    run_stage(main)

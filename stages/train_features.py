@@ -1,0 +1,90 @@
+"""Train the classifier whose features generated shapes are compared in, or take one that was trained elsewhere (§4.4).
+
+It learns to tell procedural shapes of all categories and families apart, drawn for it alone: the same features
+whatever the data, so that figures of different runs can be compared.
+
+python -m stages.train_features data/features
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from cagesdf.errors import ShapeRejected
+from cagesdf.evaluation.clouds import Clouds, cloud_of, label_of, recipe_parts
+from cagesdf.io.features import Features, read_features, write_features
+from cagesdf.models.pointnet import make_classifier
+from cagesdf.synthesis.dataset import CATEGORIES, draw_recipes
+from cagesdf.synthesis.recipe import Recipe
+from cagesdf.training.features import ClassifierSettings, classify, train_classifier
+from pipeline import FeaturesParams, artefact, counter, item_rng, parallel_map, run_stage
+
+
+def main(out: Path, params: FeaturesParams) -> None:
+    """Write `features/`, and how many shapes that it was not trained on the classifier recognises."""
+    given = {"weights": Path(params.weights)} if params.weights else {}
+    with artefact.write("features", out, inputs={}, foreign=given, params=params) as folder:
+        held_out = drawn("held out", params.val, params)
+        features = read_features(given["weights"]) if given else trained(drawn("train", params.train, params), params)
+        accuracy = {"shapes": len(held_out), **accuracy_of(features, held_out)}
+        write_features(folder, features, accuracy)
+        print(f"{len(features.classes)} classes; of {len(held_out)} held-out shapes recognised: {told(accuracy)}")
+
+
+def drawn(name: str, count: int, params: FeaturesParams) -> Clouds:
+    """`count` shapes of each procedural category."""
+    recipes = [
+        recipe
+        for category in CATEGORIES
+        for recipe in draw_recipes(category, count, 0, item_rng(params.seed, name, category))
+    ]
+    points, _ = parallel_map(
+        partial(points_of, name, params), recipes, rejects=ShapeRejected, label=f"train_features, shapes: {name}"
+    )
+    return Clouds(tuple(r.shape_id for r in recipes), tuple(label_of(r) for r in recipes), np.stack(points))
+
+
+def points_of(name: str, params: FeaturesParams, recipe: Recipe) -> Float[ndarray, "p 3"]:
+    """The cloud of a recipe."""
+    rng = item_rng(params.seed, name, "points", recipe.shape_id)
+    return cloud_of(recipe_parts(recipe, recipe), params.points, rng)
+
+
+def trained(clouds: Clouds, params: FeaturesParams) -> Features:
+    """A classifier of these clouds by their labels."""
+    classes = tuple(sorted(set(clouds.labels)))
+    numbers = torch.tensor([classes.index(label) for label in clouds.labels])
+    model = make_classifier(params.widths, params.hidden, len(classes), params.seed)
+    settings = ClassifierSettings(params.steps, params.batch, params.batch_points, params.learning_rate, params.seed)
+    with counter(params.steps, "steps", "train_features") as bar:
+        train_classifier(
+            model, torch.from_numpy(clouds.points), numbers, settings, lambda step, loss: bar(step, loss=f"{loss:.4f}")
+        )
+    return Features(model.eval().requires_grad_(False), params.widths, params.hidden, classes, params.points)
+
+
+def accuracy_of(features: Features, clouds: Clouds) -> dict[str, Any]:
+    """Shares of the clouds whose category and whose label is recognised; null for what the classifier doesn't know."""
+    _, found = classify(features.model, features.taken(clouds.points))
+    categories = [label.split("/")[0] for label in clouds.labels]
+    by_category = [features.category(int(number)) == category for number, category in zip(found, categories)]
+    by_label = [features.classes[int(number)] == label for number, label in zip(found, clouds.labels)]
+    return {
+        "category": float(np.mean(by_category)) if set(categories) <= features.categories else None,
+        "family": float(np.mean(by_label)) if set(clouds.labels) <= set(features.classes) else None,
+    }
+
+
+def told(accuracy: dict[str, Any]) -> str:
+    """Both shares in words."""
+    shares = [(name, accuracy[name]) for name in ("category", "family")]
+    return ", ".join(f"{name} {'not known' if share is None else f'{share:.1%}'}" for name, share in shares)
+
+
+if __name__ == "__main__":
+    run_stage(main)
