@@ -110,14 +110,12 @@ def measure(classifier: Features, category: str, count: int, few: int) -> list[s
     noise = np.random.default_rng(3).normal(scale=NOISE, size=points.shape)
     changed["noise"] = described((points + noise).astype(np.float32))
     floors = {name: [feature_figures(other, reference)[name] for other in real[1:]] for name in ("fd", "kpd")}
-    lines = [
-        f"| {category} | as drawn | " + " | ".join(f"{np.mean(f):.3g} ± {np.std(f, ddof=1):.2g}" for f in floors.values())
-        + " | | |"
-    ]  # fmt: skip
+    spreads = " | ".join(f"{np.mean(some):.3g} ± {np.std(some, ddof=1):.2g}" for some in floors.values())
+    lines = [f"| {category} | as drawn | {spreads} | | |"]
     for name, features in changed.items():
         found = feature_figures(features, reference)
         cells = [f"{found[f]:.3g}" for f in floors]
-        rises = {f: 0 for f in floors}
+        rises = dict.fromkeys(floors, 0)
         for start in range(0, count - few + 1, few):
             rows = slice(start, start + few)
             before, after = (feature_figures(some[rows], reference) for some in (real[1], features))

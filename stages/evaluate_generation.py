@@ -3,7 +3,7 @@
 python -m stages.evaluate_generation data/generated/chair data/clouds/chair data/features data/generation/chair
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -58,10 +58,11 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
     inputs = {"clouds": clouds, "features": features}
     with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:
         classifier, sets = read_features(features / FILE), read_clouds(clouds)
+        shapes = {arm: read_generated(path) for arm, path in arms.items()}
         made = {
-            (arm, method): described(classifier, clouds.name, params, *shapes)
-            for arm, path in arms.items()
-            for method, shapes in read_generated(path).clouds().items()
+            (arm, method): described(classifier, clouds.name, params, *stacked(own.points(method)))
+            for arm, own in shapes.items()
+            for method in own.methods
         }
         train, reference = (real(classifier, clouds.name, params, sets[name]) for name in ("train", "reference"))
         size = min([len(reference[0]) // 2, *(len(shapes) for shapes, _ in made.values())])
@@ -72,7 +73,10 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
         )
         rows = [row_of(task, found.figures) for task, found in zip(tasks, scored)]
         nearest = [
-            row for task, found in zip(tasks, scored) if task.arm != REAL for row in nearest_rows(task, found, sets["train"])
+            row
+            for task, found in zip(tasks, scored)
+            if task.arm != REAL
+            for row in nearest_rows(task, found, list(shapes[task.arm].points(task.method)), sets["train"])
         ]
         if draws:
             rows.append(halves(reference[0], item_rng(params.seed, "halves")))
@@ -93,6 +97,14 @@ def described(
     right = [classifier.category(int(number)) == category for number in classes] & ~failed
     known = category in classifier.categories
     return Described(points[:, : params.points], features, failed), float(right.mean()) if known else np.nan
+
+
+def stacked(points: Mapping[str, Float[ndarray, "m 3"]]) -> tuple[Float[ndarray, "n p 3"], Bool[ndarray, " n"]]:
+    """Clouds as one array, and which failed: those without points, which are all at the origin."""
+    failed = np.array([len(cloud) == 0 for cloud in points.values()])
+    count = max(map(len, points.values()), default=0)
+    clouds = [cloud if len(cloud) else np.zeros((count, 3), np.float32) for cloud in points.values()]
+    return np.stack(clouds), failed
 
 
 def real(classifier: Features, category: str, params: GenerationParams, clouds: Clouds) -> tuple[Described, float]:
@@ -134,11 +146,12 @@ def row_of(task: Task, figures: dict[str, float]) -> dict[str, Any]:
     return {**key, "failed": float(task.shapes.failed.mean()), "recognised": task.recognised, **figures}
 
 
-def nearest_rows(task: Task, found: Scored, train: Clouds) -> Iterator[dict[str, Any]]:
-    """One row a generated shape."""
-    for number, (row, distance, failed) in enumerate(zip(found.nearest, found.distance, task.shapes.failed)):
-        shape_id = "" if failed else train.ids[row]
-        yield {"arm": task.arm, "method": task.method, "number": number, "shape_id": shape_id, "distance": distance}
+def nearest_rows(task: Task, found: Scored, ids: Sequence[str], train: Clouds) -> Iterator[dict[str, Any]]:
+    """One row a generated shape; `ids` are theirs."""
+    for shape_id, row, distance, failed in zip(ids, found.nearest, found.distance, task.shapes.failed, strict=True):
+        nearest = "" if failed else train.ids[row]
+        key = {"arm": task.arm, "method": task.method, "shape_id": shape_id}
+        yield key | {"nearest": nearest, "distance": float(distance)}
 
 
 def halves(reference: Described, rng: np.random.Generator) -> dict[str, Any]:

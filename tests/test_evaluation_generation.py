@@ -232,7 +232,9 @@ def test_the_order_of_shapes_changes_nothing_but_which_is_which(sets) -> None:
 
 def test_a_failed_shape_makes_every_figure_worse_or_leaves_it(sets) -> None:
     train, reference, draws = sets
-    whole, broken = (score(described(np.random.default_rng(8), 10, failed), train, reference, draws) for failed in ((), (0, 4, 5)))
+    whole, broken = (
+        score(described(np.random.default_rng(8), 10, failed), train, reference, draws) for failed in ((), (0, 4, 5))
+    )
     for name in ("gen", "var", "gen_squared", "var_squared", "coverage"):
         assert broken.figures[name] < whole.figures[name], name
     for name in ("fd", "kpd", "cov", "cov_squared", "told_apart"):

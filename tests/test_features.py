@@ -19,7 +19,7 @@ from cagesdf.training.features import ClassifierSettings, add_gradients, classif
 from pipeline import FeaturesParams, artefact
 from stages import train_features
 
-SETTINGS = ClassifierSettings(steps=60, batch=16, batch_points=24, learning_rate=1e-2, seed=0)
+SETTINGS = ClassifierSettings(steps=80, batch=16, batch_points=32, learning_rate=1e-2, seed=0)
 PARAMS = FeaturesParams(
     format=1, weights="", train=9, val=3, points=64, widths=(16, 32), hidden=16, steps=4, batch=12, batch_points=32,
     learning_rate=1e-3, seed=10,
@@ -28,8 +28,10 @@ PARAMS = FeaturesParams(
 
 def spheres_and_boxes(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Surfaces of spheres and of cubes of about one size, and which are cubes."""
-    points, boxes = rng.normal(size=(count, 48, 3)), np.arange(count) % 2
-    scale = np.where(boxes[:, None, None], np.abs(points).max(axis=-1, keepdims=True), 0.8 * np.linalg.norm(points, axis=-1, keepdims=True))
+    points, boxes = rng.normal(size=(count, 64, 3)), np.arange(count) % 2
+    scale = np.where(
+        boxes[:, None, None], np.abs(points).max(axis=-1, keepdims=True), np.linalg.norm(points, axis=-1, keepdims=True)
+    )
     return (points / scale).astype(np.float32), boxes
 
 
@@ -83,7 +85,7 @@ def trained(threads: int) -> tuple[dict[str, torch.Tensor], list[float], float]:
 def test_it_learns_to_tell_new_shapes_apart_with_the_same_bits_on_any_number_of_threads() -> None:
     weights, losses, right = trained(1)
     assert len(losses) == SETTINGS.steps
-    assert losses[-1] < losses[0] / 2
+    assert losses[-1] < 0.7 * losses[0]
     assert right > 0.9
     again, *_ = trained(3)
     assert all(torch.equal(weights[name], again[name]) for name in weights)
@@ -149,7 +151,7 @@ def spoiled(change: str, folder: Path) -> Path:
         ('{"classes": ["a"]}', "not of the sizes that it names"),
         ('{"points": 0}', "at least one"),
         ('{"widths": "wide"}', "is no classifier of this project"),
-        ('{"widths": []}', "is no classifier of this project"),
+        ('{"widths": []}', "at least one"),
     ],
 )
 def test_another_file_or_a_damaged_one_is_refused_by_name(change: str, said: str, tmp_path: Path) -> None:
@@ -203,5 +205,5 @@ def test_weights_trained_elsewhere_are_taken_as_they_are(
     write_features(tmp_path, features(), {})
     train_features.main(tmp_path / "other", PARAMS.model_copy(update={"weights": str(tmp_path / FILE)}))
     assert read_accuracy(tmp_path / "other") == {"shapes": 9, "category": None, "family": None}
-    with pytest.raises(FileNotFoundError, match="nowhere"):
+    with pytest.raises(InputError, match=r"nowhere\.safetensors: no such file"):
         train_features.main(tmp_path / "none", PARAMS.model_copy(update={"weights": "nowhere.safetensors"}))

@@ -26,7 +26,7 @@ from cagesdf.evaluation.trials import trial_of
 from cagesdf.fitting.cages import FittedCage
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.edits import write_edit_surfaces, write_edits
-from cagesdf.io.generated import Generated, write_generated
+from cagesdf.io.generated import write_generated
 from cagesdf.io.generation import write_generation
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import Surface, write_surfaces
@@ -389,12 +389,14 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         write_progress(out, course, {"version": 1})
     with artefact.write("generated", folder / "generated" / "stool" / "cagesdf", inputs={}, params=PARAMS) as out:
         balls = [toy.ball([0, 0, 0], 0.5 + 0.1 * i) for i in range(3)]
-        made = [Generated("dependent", i, i, ball, ball.vertices) for i, ball in enumerate(balls)]
-        write_generated(out, made)
+        made = [
+            toy.generated("dependent", f"n{i}", ball, np.zeros((0, 3), np.float32), i) for i, ball in enumerate(balls)
+        ]
+        write_generated(out, made, {})
     with artefact.write("generation", folder / "generation" / "stool", inputs={}, params=PARAMS) as out:
         key = {"arm": "cagesdf", "method": "dependent"}
-        near = [{**key, "number": i, "shape_id": "stool_1", "distance": (3 - i) / 10} for i in range(3)]
-        lost = {**key, "number": 3, "shape_id": "", "distance": np.inf}
+        near = [{**key, "shape_id": f"n{i}", "nearest": "stool_1", "distance": (3 - i) / 10} for i in range(3)]
+        lost = {**key, "shape_id": "n3", "nearest": "", "distance": np.inf}
         write_generation(out, METHODS, [*near, lost], {"sets": SETS})
     measured = [(arm, s.shape_id, step) for arm, steps in STEPS.items() for s in sequences for step in steps]
     references = [("cage", "stool_0", 0), ("ground_truth", "stool_0", 0)]
@@ -433,8 +435,8 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
     }  # fmt: skip
     parsed = Page(page.read_text(encoding="utf-8"))
     assert parsed.images == 2 + 2 * 4 + 3 + 3 + 2 + 2 * 4 + 4 + 2, (
-        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions; two swaps; two new shapes with "
-        "their neighbours, two failures"
+        "two shapes fitted and compared; a sequence's cuboids, surfaces, reconstructions; two swaps; "
+        "two new shapes with their neighbours, two failures"
     )
     assert content["table3"]["orders"]["stool"]["here"]["fd"] == ["cagesdf, dependent", "deepsdf, isotropic"]
     assert content["edits"]["categories"]["stool"]["cagesdf"]["swap"]["gain"]["median"] == 0.5

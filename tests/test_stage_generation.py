@@ -11,7 +11,7 @@ from cagesdf.evaluation.clouds import FRESH, Clouds
 from cagesdf.evaluation.table3 import REAL, gather_generation
 from cagesdf.io.clouds import write_clouds
 from cagesdf.io.features import Features, write_features
-from cagesdf.io.generated import Generated, write_generated
+from cagesdf.io.generated import GeneratedShape, write_generated
 from cagesdf.io.generation import read_generation, read_nearest
 from cagesdf.meshes import Mesh, sample_surface
 from cagesdf.models.pointnet import make_classifier
@@ -29,6 +29,12 @@ def cloud(mesh: Mesh, seed: int) -> np.ndarray:
     return sample_surface(mesh, 80, np.random.default_rng(seed))[0].astype(np.float32)
 
 
+def shape(method: str, number: int, mesh: Mesh) -> GeneratedShape:
+    """A generated shape; without faces, a failed one."""
+    points = cloud(mesh, 50 + number) if len(mesh.faces) else np.zeros((0, 3), np.float32)
+    return toy.generated(method, f"new_{number}", mesh, points)
+
+
 def clouds(meshes: list[Mesh], ids: list[str]) -> Clouds:
     points = np.array([cloud(mesh, i) for i, mesh in enumerate(meshes)], np.float32).reshape(len(meshes), -1, 3)
     return Clouds(tuple(ids), ("",) * len(ids), points if len(meshes) else np.zeros((0, 80, 3), np.float32))
@@ -41,21 +47,19 @@ def write_inputs(folder: Path, others: list[Mesh]) -> Path:
         train = clouds(TRAIN, [f"train_{i}" for i in range(6)])
         write_clouds(out, {"train": train, "reference": clouds(others, ids)})
     with artefact.write("features", folder / "features", inputs={}, params=params) as out:
-        write_features(out, Features(make_classifier((8, 16), 8, 2, 0), (8, 16), 8, ("stool", "bench"), 60), {"category": 0.5})
+        write_features(
+            out, Features(make_classifier((8, 16), 8, 2, 0), (8, 16), 8, ("stool", "bench"), 60), {"category": 0.5}
+        )
     made = {
-        "cagesdf": {"dependent": [TRAIN[2], TRAIN[4], TRAIN[2], TRAIN[5]], "independent": [OTHERS[3], NOTHING, *TRAIN[:2]]},
+        "cagesdf": {
+            "dependent": [TRAIN[2], TRAIN[4], TRAIN[2], TRAIN[5]],
+            "independent": [OTHERS[3], NOTHING, *TRAIN[:2]],
+        },
         "deepsdf": {"isotropic": [toy.ball([0, 0, 0], 0.1 * i) for i in range(1, 5)]},
     }
     for arm, methods in made.items():
         with artefact.write("generated", folder / "generated" / "stool" / arm, inputs={}, params=params) as out:
-            write_generated(
-                out,
-                [
-                    Generated(method, i, bool(len(mesh.faces)), mesh, cloud(mesh, 50 + i) if len(mesh.faces) else np.zeros((0, 3)))
-                    for method, meshes in methods.items()
-                    for i, mesh in enumerate(meshes)
-                ],
-            )
+            write_generated(out, [shape(name, i, m) for name, some in methods.items() for i, m in enumerate(some)], {})
     return folder
 
 
@@ -99,10 +103,15 @@ def test_there_is_a_row_a_method_and_floors_beside_them(done: Path) -> None:
 
 
 def test_the_nearest_training_shape_of_each_is_told(done: Path) -> None:
-    rows = {(row["arm"], row["method"], row["number"]): row for row in read_nearest(done)}
+    rows = {(row["arm"], row["method"], int(row["shape_id"][4:])): row for row in read_nearest(done)}
     assert len(rows) == 12
-    assert [rows["cagesdf", "dependent", i]["shape_id"] for i in range(4)] == ["train_2", "train_4", "train_2", "train_5"]
-    assert rows["cagesdf", "independent", 1]["shape_id"] == ""
+    assert [rows["cagesdf", "dependent", i]["nearest"] for i in range(4)] == [
+        "train_2",
+        "train_4",
+        "train_2",
+        "train_5",
+    ]
+    assert rows["cagesdf", "independent", 1]["nearest"] == ""
     assert np.isinf(rows["cagesdf", "independent", 1]["distance"])
 
 

@@ -5,7 +5,9 @@ from pathlib import Path
 import manifold3d
 import numpy as np
 
+from cagesdf.cuboid import Cage
 from cagesdf.frames import canonical_similarity
+from cagesdf.io.generated import GeneratedShape
 from cagesdf.io.shapes import write_shapes
 from cagesdf.meshes import Mesh, signed_volume
 from cagesdf.shape import Part, Repair, Shape
@@ -60,6 +62,14 @@ def stool(
     base = Node("base", "base", tuple(Node(f"leg{k}", "leg", (), (), None) for k in range(legs)), (), None)
     tree = Node("root", "stool", (Node("seat", "seat", (), (), None), base), (), None)
     return shape_of(shape_id, meshes, tree, split)
+
+
+def generated(method: str, shape_id: str, mesh: Mesh, points: np.ndarray, components: int = 1) -> GeneratedShape:
+    """A generated shape of an arm without cuboids."""
+    return GeneratedShape(
+        method, shape_id, 0, 0, None, Cage.from_vectors((), np.zeros((0, 15))), np.zeros(2, np.float32), 1.0,
+        "ok" if len(mesh.faces) else "empty", mesh, components, 0.0, 1, rooted=False, stable=False, points=points,
+    )  # fmt: skip
 
 
 def write_shapes_artefact(out: Path, shapes: list[Shape]) -> Path:

@@ -126,7 +126,9 @@ def kernel_distance(first: Float[ndarray, "n d"], second: Float[ndarray, "m d"])
     if min(len(first), len(second)) < 2:
         raise ValueError(f"an unbiased estimate needs two shapes at least, got sets of {len(first)} and {len(second)}")
     between = _kernel(first, second).mean()
-    inside = [(np.sum(k) - np.trace(k)) / (len(k) * (len(k) - 1)) for k in (_kernel(first, first), _kernel(second, second))]
+    inside = [
+        (np.sum(k) - np.trace(k)) / (len(k) * (len(k) - 1)) for k in (_kernel(first, first), _kernel(second, second))
+    ]
     return float(inside[0] + inside[1] - 2 * between)
 
 
@@ -140,7 +142,10 @@ def coverage(between: Float[ndarray, "g r"], failed: Bool[ndarray, " g"]) -> flo
 
 
 def told_apart(
-    among: Float[ndarray, "g g"], between: Float[ndarray, "g r"], within: Float[ndarray, "r r"], failed: Bool[ndarray, " g"]
+    among: Float[ndarray, "g g"],
+    between: Float[ndarray, "g r"],
+    within: Float[ndarray, "r r"],
+    failed: Bool[ndarray, " g"],
 ) -> float:
     """1-NNA: share of generated and reference shapes whose nearest other shape is of their own set.
 

@@ -49,7 +49,10 @@ def gather_generation(
         for category, (rows, facts) in sorted(files.items())
     }
     ours = {category: ordered(found["methods"]) for category, found in categories.items()}
-    papers = {category: ordered([{"arm": "", "method": m, **_means(f)} for m, f in methods.items()]) for category, methods in PAPER.items()}
+    papers = {
+        category: ordered([{"arm": "", "method": m, **_means(f)} for m, f in methods.items()])
+        for category, methods in PAPER.items()
+    }
     return {
         "about": about[0] if about else {},
         "paper": PAPER,

@@ -86,17 +86,18 @@ def read_features(path: Path) -> Features:
     try:
         with safetensors.safe_open(path, framework="pt") as file:
             about = json.loads((file.metadata() or {})[KEY])
-        if (about["kind"], about["version"]) != (KIND, VERSION):
-            raise InputError(f"{path}: holds {about['kind']} version {about['version']}, wanted {KIND} {VERSION}")
+        kind, version = about["kind"], about["version"]
         widths, hidden, points = tuple(map(int, about["widths"])), int(about["hidden"]), int(about["points"])
-        classes = tuple(map(str, about["classes"]))
-        if min(*widths, hidden, points, len(classes)) < 1:
-            raise InputError(f"{path}: wanted widths, hidden, points and classes of at least one, got {about}")
-        model = PointNet(widths, hidden, len(classes))
-        weights = load_file(path)
-        model.load_state_dict(weights)
-    except (safetensors.SafetensorError, KeyError, TypeError, json.JSONDecodeError) as error:
+        classes, weights = tuple(map(str, about["classes"])), load_file(path)
+    except (safetensors.SafetensorError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: is no classifier of this project ({error!r})") from error
+    if (kind, version) != (KIND, VERSION):
+        raise InputError(f"{path}: holds {kind} version {version}, wanted {KIND} version {VERSION}")
+    if not widths or min(*widths, hidden, points, len(classes)) < 1:
+        raise InputError(f"{path}: wanted widths, hidden, points and classes of at least one, got {about}")
+    model = PointNet(widths, hidden, len(classes))
+    try:
+        model.load_state_dict(weights)
     except RuntimeError as error:
         raise InputError(f"{path}: its weights are not of the sizes that it names ({error})") from error
     if not all(bool(tensor.isfinite().all()) for tensor in weights.values()):

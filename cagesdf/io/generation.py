@@ -44,8 +44,8 @@ NEAREST = Layout(
     (
         Column("arm", pa.string(), "whose network made the shape"),
         Column("method", pa.string(), "how its latent was drawn"),
-        Column("number", pa.int32(), "of the shape"),
-        Column("shape_id", pa.string(), "the nearest training shape, empty for a failed shape"),
+        Column("shape_id", pa.string(), "of the shape"),
+        Column("nearest", pa.string(), "id of the nearest training shape, empty for a failed shape"),
         Column("distance", pa.float64(), "to it: unsquared Chamfer, canonical units; infinite for a failed shape"),
     ),
 )
@@ -62,7 +62,7 @@ def write_generation(
     GENERATION.write(folder / "generation.parquet", ordered, definitions=dict(definitions))
     NEAREST.write(
         folder / "nearest.parquet",
-        sorted(map(dict, nearest), key=lambda row: (row["arm"], row["method"], row["number"])),
+        sorted(map(dict, nearest), key=lambda row: (row["arm"], row["method"], row["shape_id"])),
     )
 
 
@@ -73,5 +73,5 @@ def read_generation(folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]
 
 
 def read_nearest(folder: Path) -> list[dict[str, Any]]:
-    """Which training shape each generated shape is nearest to, sorted by arm, method and number."""
+    """Which training shape each generated shape is nearest to, sorted by arm, method and id."""
     return NEAREST.read(folder / "nearest.parquet")

@@ -43,8 +43,8 @@ def read_category(
     """Gather one category from its artefacts, those of the arms by arm; it is named like `shapes`' folder.
 
     `count` shapes are compared, evenly spread over those that most arms have reconstructed, and `drawn` are
-    shown of each method that generated any. The deformation shown is the one that moves the cuboids most, of those whose held-out steps have
-    been reconstructed. Raises InputError for artefacts that can't be read.
+    shown of each method that generated any. The deformation shown is the one that moves the cuboids most, of those
+    whose held-out steps have been reconstructed. Raises InputError for artefacts that can't be read.
     """
     source = read_shapes(shapes)
     status = [shape.status for shape in source]

@@ -24,8 +24,8 @@ def strip(source: ShapeFolder, generated: Mapping[str, GeneratedFolder], generat
     for (arm, method), rows in _by_method(generated, generation).items():
         chosen = spread(sorted(rows, key=lambda row: row["distance"]), count)
         blank = (None,) * (count - len(chosen))
-        shown = [generated[arm].mesh(method, row["number"]) for row in chosen]
-        copies = [join([part.mesh for part in source.read(row["shape_id"]).parts]) for row in chosen]
+        shown = [generated[arm].surface(method, row["shape_id"]) for row in chosen]
+        copies = [join([part.mesh for part in source.read(row["nearest"]).parts]) for row in chosen]
         scenes += [(*(Scene((mesh,), (CLAY,)) for mesh in meshes), *blank) for meshes in (shown, copies)]
         names += [name_of(arm, method), "nearest training shapes"]
     columns = tuple(f"rank {(i + 0.5) / count:.0%}" for i in range(count)) if names else ()
@@ -36,12 +36,11 @@ def failures(generated: Mapping[str, GeneratedFolder], generation: Path) -> Grid
     """One row a method: the shape farthest from the training shapes, and the one of most pieces."""
     names, scenes = [], []
     for (arm, method), rows in _by_method(generated, generation).items():
-        pieces = {row["number"]: row["components"] for row in generated[arm].rows if row["method"] == method}
-        farthest = max(rows, key=lambda row: row["distance"])["number"]
-        scattered = max(rows, key=lambda row: pieces[row["number"]])["number"]
-        scenes.append(
-            tuple(Scene((generated[arm].mesh(method, number),), (CLAY,)) for number in (farthest, scattered))
-        )
+        pieces = {row["shape_id"]: generated[arm].rows[method, row["shape_id"]]["components"] for row in rows}
+        farthest = max(rows, key=lambda row: row["distance"])["shape_id"]
+        scattered = max(pieces, key=lambda shape_id: pieces[shape_id])
+        meshes = [generated[arm].surface(method, shape_id) for shape_id in (farthest, scattered)]
+        scenes.append(tuple(Scene((mesh,), (CLAY,)) for mesh in meshes))
         names.append(f"{name_of(arm, method)}: up to {pieces[scattered]} pieces")
     columns = ("farthest", "most pieces") if names else ()
     return Grid(columns, (False,) * len(columns), tuple(names), tuple(scenes))
@@ -57,7 +56,7 @@ def _by_method(
 ) -> dict[tuple[str, str], list[dict[str, Any]]]:
     """Shapes with a surface by arm and method, arms in order; methods without any are left out."""
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    rows = [row for row in read_nearest(generation) if row["shape_id"]]
+    rows = [row for row in read_nearest(generation) if row["nearest"]]
     for arm in generated:
         for row in rows:
             if row["arm"] == arm:
