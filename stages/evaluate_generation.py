@@ -51,7 +51,7 @@ class Task:
 def main(generated: Path, clouds: Path, features: Path, out: Path, params: GenerationParams) -> None:
     """Read the shapes of all arms, `clouds/` and `features/`, write `generation/`.
 
-    There are no figures where there are fewer than two references: own data without validation shapes.
+    There are no figures where there are fewer than four references: own data with hardly any validation shapes.
     """
     arms = artefact.inside(generated, "generated")
     manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
