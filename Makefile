@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := $(CURDIR)/.venv/bin
 export PATH := $(BIN):$(PATH)
-REPRO := python -m pipeline.lanes train extract_meshes generate && dvc repro
+REPRO := python -m pipeline.lanes
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .PHONY: help repro own test check

@@ -1,63 +1,55 @@
-"""Run the instances of a stage side by side, one a core: a training of this size gains little from two.
+"""Bring the graph of dvc.yaml up to date, as many stages at once as there are cores.
 
-    python -m pipeline.lanes train extract_meshes
+    python -m pipeline.lanes
 
-brings these stages of dvc.yaml up to date, one after the other, and first what they depend on. Each instance
-is a `dvc repro` of its own, with one thread; `dvc repro` afterwards does the rest of the graph.
+A stage begins when those it reads from are done. It is a `dvc repro` of its own, with one worker and one thread: work
+of this size gains little from two, and while one starts, another computes. A stage that has nothing beside it gets all
+cores. `dvc repro` does the same one after the other.
 """
 
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from queue import SimpleQueue
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from graphlib import TopologicalSorter
 
 from dvc.repo import Repo
 
 from pipeline.executor import device, progress, workers
 from pipeline.memory import memory
 
-REPRO = [sys.executable, "-m", "dvc", "--wait-for-lock", "repro"]
+REPRO = [sys.executable, "-m", "dvc", "--wait-for-lock", "repro", "--single-item"]
+Graph = dict[str, set[str]]  # a stage's address, and those of the stages that it reads from
 
 
-def main(names: list[str]) -> int:
-    """Bring the stages of these names up to date; returns 1 if one failed, after those that had begun."""
-    before, instances = graph(names)
-    if not changed([*before, *(address for some in instances.values() for address in some)]):
-        return 0
-    if before and subprocess.run([*REPRO, *before], check=False).returncode:
-        return 1
-    for name, addresses in instances.items():
-        failed = side_by_side(changed(addresses), lanes(), run, name)
-        if failed:
-            print(f"failed: {', '.join(failed)}", file=sys.stderr)
-            return 1
-    return 0
+def main() -> int:
+    """Returns 1 if a stage failed, after those that had begun."""
+    todo = stale(*graph())
+    done = progress(side_by_side(todo, lanes(), run), len(todo), "stages")
+    failed = [address for address, succeeded in done if not succeeded]
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+    return 1 if failed else 0
 
 
-def graph(names: list[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """What the stages of these names depend on, but for one another, and each one's instances.
-
-    Raises ValueError for a name that dvc.yaml doesn't have.
-    """
+def graph() -> tuple[Graph, set[str]]:
+    """All stages in dvc.yaml's order, and those of which DVC knows that they are not up to date."""
     with Repo() as repo:
         stages = {
-            name: [stage for stage in repo.index.stages if stage.addressing.split("@")[0] == name] for name in names
+            stage.addressing: {on.addressing for on in repo.index.graph.successors(stage)}
+            for stage in repo.index.stages
         }
-        own = [stage for some in stages.values() for stage in some]
-        before = {on.addressing for stage in own for on in repo.index.graph.successors(stage) if on not in own}
-    for name, some in stages.items():
-        if not some:
-            raise ValueError(f"dvc.yaml has no stage {name!r}")
-    return sorted(before), {name: [stage.addressing for stage in some] for name, some in stages.items()}
+        return stages, set(repo.status())
 
 
-def changed(addresses: list[str]) -> list[str]:
-    """Those that are not up to date, in their order."""
-    with Repo() as repo:
-        found = repo.status()  # of all: with targets, DVC reads its files once for each
-    return [address for address in addresses if address in found]
+def stale(stages: Graph, changed: set[str]) -> Graph:
+    """What may have to run: the changed ones and all that follow from them."""
+    found = set(changed)
+    for address in TopologicalSorter(stages).static_order():
+        if stages[address] & found:
+            found.add(address)
+    return {address: before & found for address, before in stages.items() if address in found}
 
 
 def lanes() -> int:
@@ -65,33 +57,48 @@ def lanes() -> int:
     return workers() if device() == "cpu" else 1
 
 
-def side_by_side(addresses: list[str], count: int, call: Callable[[str, int, int], bool], label: str) -> list[str]:
-    """`call(address, lane, count)` of each, `count` at once; those that failed, after which no other begins."""
-    free: SimpleQueue[int] = SimpleQueue()
-    for lane in range(count):
-        free.put(lane)
-    failed: list[str] = []
+def side_by_side(stages: Graph, count: int, call: Callable[[str, int, int], bool]) -> Iterator[tuple[str, bool]]:
+    """Each stage and whether it succeeded, as they end; after a failure no other begins.
 
-    def one(address: str) -> None:
-        lane = free.get()
-        if not failed and not call(address, lane, count):
-            failed.append(address)
-        free.put(lane)
-
+    `call(address, lane, lanes)` runs one of at most `count`; those that are ready begin in the order of `stages`.
+    `lanes` is 1 for a stage that nothing can run beside.
+    """
+    sorter = TopologicalSorter(stages)
+    sorter.prepare()
+    ready: set[str] = set()
+    free = set(range(count))
+    running: dict[Future[bool], tuple[str, int]] = {}
+    failed = False
     with ThreadPoolExecutor(count) as pool:
-        for _ in progress(pool.map(one, addresses), len(addresses), label):
-            pass
-    return failed
+        while True:
+            ready |= set(sorter.get_ready())
+            begin = [] if failed else [address for address in stages if address in ready][: len(free)]
+            shared = count if len(begin) + len(running) > 1 else 1
+            for address in begin:
+                lane = min(free)
+                running[pool.submit(call, address, lane, shared)] = address, lane
+                free.remove(lane)
+            ready -= set(begin)
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                address, lane = running.pop(future)
+                free.add(lane)
+                if future.result():
+                    sorter.done(address)
+                else:
+                    failed = True
+                yield address, future.result()
 
 
 def run(address: str, lane: int, count: int) -> bool:
     """`dvc repro` of one stage alone, with its share of the machine; whether it succeeded."""
-    share = {"CAGESDF_MEMORY": str(memory() // count)}
+    # The same memory whether alone or not: how training reads its points depends on it.
+    share = {"CAGESDF_LANE": str(lane), "CAGESDF_MEMORY": str(memory() // lanes())}
     if count > 1:
-        share |= {"OMP_NUM_THREADS": "1", "CAGESDF_WORKERS": "1", "CAGESDF_LANE": str(lane)}
-    command = [*REPRO, "--single-item", address]
-    return subprocess.run(command, env=os.environ | share, check=False).returncode == 0
+        share |= {"OMP_NUM_THREADS": "1", "CAGESDF_WORKERS": "1"}
+    return subprocess.run([*REPRO, address], env=os.environ | share, check=False).returncode == 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())
