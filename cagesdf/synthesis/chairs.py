@@ -316,7 +316,7 @@ CHAIRS = Category(
     factors={
         "edge": (0.006, 0.036),  # radius or width of mouldings
         "board": (0.036, 0.056),  # thickness of seats and tops over their frames
-        "plate": (0.016, 0.034),  # of backs, splats and slats
+        "plate": (0.021, 0.034),  # of backs, splats and slats
         "block": (0.05, 0.12),  # height of blocks, where legs and rails meet
         "bead": (0.036, 0.11),  # length of beads
         "pitch": (0.055, 0.13),  # distance of openings and tufts

@@ -254,7 +254,7 @@ VASES = Category(
         "handle": ("ear", "strap", "curl"),
     },
     factors={
-        "wall": (0.014, 0.044),  # thickness
+        "wall": (0.017, 0.044),  # thickness
         "flute": (0.0, 0.028),  # depth of grooves
         "pitch": (0.08, 0.16),  # distance of upright grooves
         "rib": (0.07, 0.2),  # distance of level grooves
