@@ -16,8 +16,6 @@ from statistics import median
 
 import numpy as np
 import torch
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
 
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
@@ -29,7 +27,7 @@ from cagesdf.generation.program_vae import TERMS, WEIGHTS, ProgramVAE
 from cagesdf.generation.programs import ProgramGenerator
 from cagesdf.generation.tokens import ProgramTokens, tokens_of
 from cagesdf.generation.training import Settings, train_programs
-from cagesdf.matching import CONTACT, touching
+from cagesdf.stability import rooted, stable
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram
@@ -141,38 +139,6 @@ def train(folder: Path, train_ids: Path, val_ids: Path, steps: int, width: int, 
 def share(flags: "map[bool]") -> str:
     """In per cent."""
     return f"{np.mean(list(flags)):.1%}"
-
-
-def standing_on(cage: Cage) -> np.ndarray:
-    """Which cuboids stand on the ground."""
-    lowest = cage.corners()[:, :, 1].min(axis=1)
-    return lowest - lowest.min() <= CONTACT
-
-
-def rooted(cage: Cage) -> bool:
-    """Whether every cuboid touches one that touches … one on the ground."""
-    labels = connected_components(touching(cage), directed=False)[1]
-    return set(labels) == set(labels[standing_on(cage)])
-
-
-def stable(cage: Cage) -> bool:
-    """Rooted, and each connected part's centre of mass is above the hull of where it stands; cuboids are solid."""
-    if not rooted(cage):
-        return False
-    labels = connected_components(touching(cage), directed=False)[1]
-    volume, corners = cage.size.prod(axis=1), cage.corners()
-    for label in set(labels):
-        own = labels == label
-        middle = np.average(cage.centre[own], axis=0, weights=volume[own])[[0, 2]]
-        ground = corners[own & standing_on(cage)].reshape(-1, 3)
-        feet = ground[ground[:, 1] - corners[:, :, 1].min() <= CONTACT][:, [0, 2]]
-        try:
-            hull = ConvexHull(feet)
-        except (QhullError, ValueError):  # a line or a point
-            return False
-        if (hull.equations @ [*middle, 1] > 1e-9).any():
-            return False
-    return True
 
 
 if __name__ == "__main__":
