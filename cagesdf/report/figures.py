@@ -162,7 +162,7 @@ def rows(table: Table, arms: Iterable[str], columns: Iterable[tuple[str, str]], 
         items = [line[i] for line in values.values()]
         means = [item["mean"] for item in items if item and item["mean"] is not None]
         choose = max if METRIC[metric.removesuffix("_detail")].higher else min
-        best.append(choose(means) if means and ranked and len(values) > 1 else None)
+        best.append(choose(means) if ranked and len(set(means)) > 1 else None)
     return [
         Row(
             arm,
@@ -187,7 +187,7 @@ def edit_rows(arms: Mapping[str, Any], names: Iterable[str], ranked: bool) -> li
     for i, column in enumerate(columns):
         found = [line[i][column.statistic] for line in values.values() if line[i]]
         choose = max if column.higher else min
-        best.append(choose(found) if ranked and len(found) > 1 else None)
+        best.append(choose(found) if ranked and len(set(found)) > 1 else None)
     known = {**ARMS, **EDIT_REFERENCES}
     return [
         Row(

@@ -91,7 +91,7 @@ def _rows(methods: Methods) -> list[Row]:
     best = {}
     for column in COLUMNS:
         means = [entry[column.key]["mean"] for entry in methods if column.key in entry]
-        if column.best is not None and len(means) > 1:
+        if column.best is not None and len(set(means)) > 1:
             best[column.key] = _nearest(means, column.best)
     explained = [(entry, ARMS.get(entry["arm"], ""), METHODS.get(entry["method"], "")) for entry in methods]
     return [
