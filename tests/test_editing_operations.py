@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.editing.mirrors import mirrors
+from cagesdf.editing.links import mirrors
 from cagesdf.editing.operations import edited
 from cagesdf.editing.parts import parameters, part_names
 from cagesdf.editing.script import Blend, Move, Operation, Redo, Resize, Rotate, Scale, Set, Swap, Undo, parse

@@ -45,7 +45,7 @@ def _described(path: Path) -> list[str]:
 
 def _editable(run: Path, shape_id: str) -> list[str]:
     """Paragraphs about what can be edited: parts, in the user's frame and unit, and parameters."""
-    from cagesdf.editing.mirrors import mirrors
+    from cagesdf.editing.links import mirrors
     from cagesdf.editing.parts import parameters, part_names
     from cagesdf.editing.session import Session
     from cagesdf.io.runs import read_run

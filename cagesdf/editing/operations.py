@@ -11,12 +11,28 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.deformation import scaled_cage
-from cagesdf.editing.mirrors import Change, locked
+from cagesdf.editing.links import Change, Links, locked, mirrors, repeats
 from cagesdf.editing.parts import part_names, select, with_parameter
-from cagesdf.editing.script import Blend, Move, Operation, Redo, Resize, Rotate, Scale, Script, Set, Swap, Undo
+from cagesdf.editing.script import (
+    Blend,
+    Build,
+    Move,
+    Operation,
+    Redo,
+    Resize,
+    Rotate,
+    Scale,
+    Script,
+    Set,
+    Style,
+    Swap,
+    Undo,
+)
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
+from cagesdf.frames import Similarity
 from cagesdf.structure.executor import execute
+from cagesdf.structure.stored import read_structure
 
 # Latents by shape id: what swaps and blends may name.
 Styles = Mapping[str, Float32[ndarray, " d"]]
@@ -52,7 +68,9 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
             return history.then(_after(history.present, operation, styles))
 
 
-def _after(state: State, operation: Move | Resize | Rotate | Scale | Set | Swap | Blend, styles: Styles) -> State:
+def _after(
+    state: State, operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build, styles: Styles
+) -> State:
     match operation:
         case Move() | Resize() | Rotate():
             return _sound(_change_parts(state, operation))
@@ -65,6 +83,12 @@ def _after(state: State, operation: Move | Resize | Rotate | Scale | Set | Swap 
         case Blend(style_of=shape_id, weight=weight):
             other = _style(styles, shape_id)
             return replace(state, latent=(1 - np.float32(weight)) * state.latent + np.float32(weight) * other)
+        case Style(code=code):
+            if len(code) != len(state.latent):
+                raise InputError(f"code: {len(code)} numbers; this run's codes have {len(state.latent)}")
+            return replace(state, latent=np.array(code, np.float32))
+        case Build(structure=text):
+            return _sound(built(state, text))
 
 
 def scaled(state: State, factors: tuple[float, float, float]) -> State:
@@ -73,6 +97,15 @@ def scaled(state: State, factors: tuple[float, float, float]) -> State:
     for axis, factor in zip("xyz", factors):
         along[state.own_axis(axis)[0]] = factor
     return replace(state, cage=scaled_cage(state.cage, along), stretch=state.stretch * along)
+
+
+def built(state: State, text: str) -> State:
+    """Another structure and its own cuboids; the user's frame is the canonical one from here on.
+
+    Raises InputError if `text` is no structure as `Structure.to_json` writes it, or one without cuboids.
+    """
+    structure = read_structure(text)
+    return State.opened(structure.cage(), structure, state.latent, Similarity(1.0, np.eye(3), np.zeros(3)))
 
 
 def reprogrammed(state: State, name: str, value: float) -> State:
@@ -121,7 +154,10 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
         case Rotate():
             change = _turned(state, operation)
     changes = dict.fromkeys(parts, change)
-    every = locked(state, changes) if operation.mirror else changes
+    links: list[Links] = [
+        links(state) for links, on in ((mirrors, operation.mirror), (repeats, operation.repeat)) if on
+    ]
+    every = locked(state, changes, links)
     return state.with_cage(
         Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
     )

@@ -30,17 +30,22 @@ def part_names(structure: Structure) -> dict[str, str]:
 
 
 def select(structure: Structure, pattern: str) -> tuple[str, ...]:
-    """Ids of the parts whose id, name or label is `pattern`, in which * and ? stand for any letters, any letter.
+    """Ids of the parts whose id, name or label is `pattern`: * and ? stand for any letters, any letter, | for or.
 
-    Raises InputError if there is none, with the names that there are.
+    Raises InputError if one of the alternatives finds none, with the names that there are.
     """
     names, labels = part_names(structure), structure.labels()
-    found = tuple(
-        part for part, name in names.items() if any(fnmatchcase(word, pattern) for word in (part, name, labels[part]))
-    )
-    if not found:
-        raise InputError(f"part {pattern!r}: no part is called so; wanted one of {', '.join(names.values())}")
-    return found
+    found: set[str] = set()
+    for alternative in pattern.split("|"):
+        own = {part for part, name in names.items() if _called(alternative, part, name, labels[part])}
+        if not own:
+            raise InputError(f"part {alternative!r}: no part is called so; wanted one of {', '.join(names.values())}")
+        found |= own
+    return tuple(part for part in names if part in found)
+
+
+def _called(pattern: str, *words: str) -> bool:
+    return any(fnmatchcase(word, pattern) for word in words)
 
 
 def parameters(program: AssemblyProgram) -> dict[str, float]:

@@ -33,33 +33,36 @@ class Move(_Operation):
     """Move cuboids."""
 
     op: Literal["move"] = "move"
-    part: Name  # id, name or label, with * and ?
+    part: Name  # id, name or label, with *, ? and | (or)
     by: tuple[Number, Number, Number]  # along x, y, z, the user's unit
     frame: Frame = "shape"  # whose axes these are: the user's, or each cuboid's own
     mirror: bool = True  # parts that mirror these do the mirrored thing
+    repeat: bool = False  # parts that repeat these do the same thing in their places
 
 
 class Resize(_Operation):
     """Stretch cuboids: each along its own axis, or all together along the shape's."""
 
     op: Literal["resize"] = "resize"
-    part: Name  # id, name or label, with * and ?
+    part: Name  # id, name or label, with *, ? and | (or)
     axis: Axis
     factor: Factor
     keep: End = "centre"  # what stays where it is, along the axis: of each cuboid, or of their common box
     frame: Frame = "cuboid"
     mirror: bool = True  # parts that mirror these do the mirrored thing
+    repeat: bool = False  # parts that repeat these do the same thing in their places
 
 
 class Rotate(_Operation):
     """Turn cuboids: each about its centre and an axis of its own, or all together about the centre of their box."""
 
     op: Literal["rotate"] = "rotate"
-    part: Name  # id, name or label, with * and ?
+    part: Name  # id, name or label, with *, ? and | (or)
     axis: Axis
     angle: Number  # degrees, counter-clockwise seen from the axis's tip
     frame: Frame = "cuboid"
     mirror: bool = True  # parts that mirror these do the mirrored thing
+    repeat: bool = False  # parts that repeat these do the same thing in their places
 
 
 class Scale(_Operation):
@@ -92,6 +95,20 @@ class Blend(_Operation):
     weight: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]  # 0: the style stays, 1: it becomes the other's
 
 
+class Style(_Operation):
+    """Take a style by its latent code."""
+
+    op: Literal["style"] = "style"
+    code: Annotated[tuple[Number, ...], Field(min_length=1, max_length=4096)]
+
+
+class Build(_Operation):
+    """Go on with another structure around cuboids of its own, in the canonical frame; the style stays."""
+
+    op: Literal["build"] = "build"
+    structure: Annotated[str, Field(max_length=200_000)]  # JSON: a program and its place, or a hierarchy with cuboids
+
+
 class Undo(_Operation):
     """Take the last operation back that is not taken back yet."""
 
@@ -104,10 +121,11 @@ class Redo(_Operation):
     op: Literal["redo"] = "redo"
 
 
-Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Undo | Redo
+Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Undo | Redo
 Script = tuple[Operation, ...]
 KINDS: dict[str, type[BaseModel]] = {
-    kind.model_fields["op"].default: kind for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Undo, Redo)
+    kind.model_fields["op"].default: kind
+    for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Style, Build, Undo, Redo)
 }
 
 _SCRIPT: TypeAdapter[Script] = TypeAdapter(

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
-from cagesdf.cuboid import Cuboid
+from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.frames import Similarity
 from cagesdf.structure.program import AssemblyProgram
 from cagesdf.structure.relations import Relation
@@ -31,6 +31,10 @@ class Structure(ABC):
     @abstractmethod
     def relations(self) -> tuple[Relation, ...]:
         """Attachments and symmetries between siblings."""
+
+    @abstractmethod
+    def cage(self) -> Cage:
+        """The parts' cuboids as it holds them. Raises InputError where it holds none."""
 
     @abstractmethod
     def transformed(self, similarity: Similarity) -> "Structure":

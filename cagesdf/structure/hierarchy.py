@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.cuboid import Cuboid
+from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.structure.base import Structure
@@ -78,6 +78,14 @@ class PartHierarchy(Structure):
     def cuboids(self) -> dict[str, Cuboid]:
         """The parts' cuboids, where the hierarchy knows them."""
         return {node.node_id: node.cuboid for node in self.tree.walk() if not node.children and node.cuboid is not None}
+
+    def cage(self) -> Cage:
+        """The parts' cuboids. Raises InputError if one isn't known."""
+        known = self.cuboids()
+        missing = [part for part in self.parts() if part not in known]
+        if missing:
+            raise InputError(f"structure: the part {missing[0]!r} has no cuboid, as {len(missing)} have none")
+        return Cage.of(known)
 
     def transformed(self, similarity: Similarity) -> "PartHierarchy":
         """The same tree, its cuboids and relations taken through a similarity."""

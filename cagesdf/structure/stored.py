@@ -10,7 +10,10 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 def read_structure(text: str) -> Structure:
     """What `Structure.to_json` wrote, of whichever class. Raises InputError if it is neither."""
-    content = json.loads(text)
+    try:
+        content = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"structure: no JSON, or nested too deeply ({error}); got {text[:60]}") from error
     if not isinstance(content, dict):
         raise InputError(f"structure: wanted a JSON object, got {text[:60]}")
     return Assembly.from_json(text) if "program" in content else PartHierarchy.from_json(text)

@@ -1,0 +1,153 @@
+"""Parts that mirror or repeat each other, and what a change of one means for the other.
+
+A change is a function from cuboid to cuboid, so its mirrored counterpart is: mirror, change, mirror back; that of a
+part which repeats another is: go there, change, come back.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation as Turn
+
+from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
+from cagesdf.editing.state import State
+from cagesdf.structure.base import Structure
+from cagesdf.structure.relations import Reflection, Rotation, Translation
+
+Change = Callable[[Cuboid], Cuboid]
+
+# The improper signed permutations: they name a mirrored cuboid's axes so that these are right-handed again.
+IMPROPER = -PROPER_PERMUTATIONS
+
+
+@runtime_checkable
+class Link(Protocol):
+    """How a part is made of another one."""
+
+    def __call__(self, point: Float[ndarray, " 3"]) -> Float[ndarray, " 3"]:
+        """Where a point of the one is on the other."""
+
+    def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
+        """What a change of a cuboid that has these axes is for the other."""
+
+
+# By part, those that follow it, and how they are made of it.
+Links = dict[str, dict[str, Link]]
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """A plane."""
+
+    point: Float[ndarray, " 3"]  # on it, canonical
+    normal: Float[ndarray, " 3"]  # unit, canonical
+
+    def __call__(self, point: Float[ndarray, " 3"]) -> Float[ndarray, " 3"]:
+        """The mirror image of a point."""
+        return point - 2 * ((point - self.point) @ self.normal) * self.normal
+
+    def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
+        """What a change of a cuboid that has these axes is for the cuboid on the other side."""
+        flip = np.eye(3) - 2 * np.outer(self.normal, self.normal)
+
+        def other(cuboid: Cuboid) -> Cuboid:
+            flipped = cuboid.axes @ flip
+            naming = IMPROPER[int(np.einsum("kij,jl,il->k", IMPROPER, flipped, axes).argmax())]
+            image = Cuboid(self(cuboid.centre), naming @ flipped, np.abs(naming) @ cuboid.size)
+            changed = change(image)
+            return Cuboid(self(changed.centre), naming.T @ changed.axes @ flip, np.abs(naming.T) @ changed.size)
+
+        return other
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A rigid motion."""
+
+    rotation: Float[ndarray, "3 3"]
+    offset: Float[ndarray, " 3"]  # canonical units
+
+    def __call__(self, point: Float[ndarray, " 3"]) -> Float[ndarray, " 3"]:
+        """Where it takes a point."""
+        return self.rotation @ point + self.offset
+
+    def inverse(self) -> "Motion":
+        """The motion back."""
+        return Motion(self.rotation.T, -self.rotation.T @ self.offset)
+
+    def moved(self, cuboid: Cuboid) -> Cuboid:
+        """Where it takes a cuboid."""
+        return Cuboid(self(cuboid.centre), cuboid.axes @ self.rotation.T, cuboid.size)
+
+    def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
+        """What a change is for the cuboid that the motion leads to; `axes` go along."""
+        back = self.inverse()
+        return lambda cuboid: self.moved(change(back.moved(cuboid)))
+
+
+def mirrors(state: State) -> Links:
+    """By part, the parts that mirror it according to the structure, and in which plane.
+
+    A relation between nodes pairs the parts below them: each with the one that is nearest to its mirror image.
+    """
+    found: Links = {part: {} for part in state.cage.part_ids}
+    for relation in state.structure.relations():
+        if not isinstance(relation, Reflection):
+            continue
+        normal = np.array(relation.normal) / state.stretch
+        mirror = Mirror(np.array(relation.point) * state.stretch, normal / np.linalg.norm(normal))
+        ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
+        for a, b in _nearest(state.cage, ours, theirs, mirror):
+            found[a][b] = found[b][a] = mirror
+    return found
+
+
+def repeats(state: State) -> Links:
+    """By part, those that are the same part moved or turned to another place, and which motion leads there."""
+    found: Links = {part: {} for part in state.cage.part_ids}
+    for relation in state.structure.relations():
+        match relation:
+            case Translation(offset=offset):
+                motion = Motion(np.eye(3), np.array(offset) * state.stretch)
+            case Rotation(pivot=pivot, axis=axis, angle=angle):
+                turn = Turn.from_rotvec(angle * np.array(axis)).as_matrix()
+                centre = np.array(pivot) * state.stretch
+                motion = Motion(turn, centre - turn @ centre)
+            case _:
+                continue
+        ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
+        for a, b in _nearest(state.cage, ours, theirs, motion):
+            found[a][b], found[b][a] = motion, motion.inverse()
+    return found
+
+
+def locked(state: State, changes: Mapping[str, Change], links: Sequence[Links]) -> dict[str, Change]:
+    """The changes of some parts, and what they mean for those linked with them, directly or through others."""
+    every = dict(changes)
+    waiting = deque(changes)
+    while waiting:
+        part = waiting.popleft()
+        for other, link in [pair for some in links for pair in some[part].items()]:
+            if other not in every:
+                every[other] = link.carried(every[part], state.cage[part].axes)
+                waiting.append(other)
+    return every
+
+
+def _leaves(structure: Structure, node: str) -> list[str]:
+    children = structure.children(node)
+    return [leaf for child in children for leaf in _leaves(structure, child)] if children else [node]
+
+
+def _nearest(cage: Cage, ours: list[str], theirs: list[str], link: Link) -> list[tuple[str, str]]:
+    """Pairs of parts, so that the images are near."""
+    images = np.array([link(cage[part].centre) for part in ours])
+    centres = np.array([cage[part].centre for part in theirs])
+    rows, columns = linear_sum_assignment(np.linalg.norm(images[:, None] - centres, axis=2))
+    return [(ours[i], theirs[j]) for i, j in zip(rows, columns)]
