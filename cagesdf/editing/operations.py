@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.deformation import scaled_cage
-from cagesdf.editing.links import Change, Links, locked, mirrors, repeats
+from cagesdf.editing.links import Change, locked, mirrors, repeats
 from cagesdf.editing.parts import part_names, select, with_parameter
 from cagesdf.editing.script import (
     Blend,
@@ -154,10 +154,8 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
         case Rotate():
             change = _turned(state, operation)
     changes = dict.fromkeys(parts, change)
-    links: list[Links] = [
-        links(state) for links, on in ((mirrors, operation.mirror), (repeats, operation.repeat)) if on
-    ]
-    every = locked(state, changes, links)
+    kinds = [kind for kind, on in ((mirrors, operation.mirror), (repeats, operation.repeat)) if on]
+    every = locked(state, changes, [kind(state) for kind in kinds])
     return state.with_cage(
         Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
     )

@@ -1,0 +1,58 @@
+"""The command that opens the editor."""
+
+import time
+from pathlib import Path
+
+from cagesdf.errors import InputError
+
+DEMO = Path(__file__).parent.parent / "demo"  # a run and its generator, trained by this project
+
+
+def view(
+    run: Path | None = None,
+    /,
+    *,
+    demo: bool = False,
+    shape: str | None = None,
+    programs: Path | None = None,
+    shapes: Path | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> None:
+    """Edit shapes in the browser: drag the cuboids, slide the style, see the surface. Ctrl-C ends it.
+
+    Parameters
+    ----------
+    run
+        A folder that `train` wrote, such as data/runs/chair/cagesdf.
+    demo
+        Take the small trained run that comes with the project instead.
+    shape
+        The shape to begin with; without it the first one.
+    programs
+        A folder that `train_programs` wrote, for new shapes; without it, data/programs/chair for the run above, if
+        it is there.
+    shapes
+        A folder that `import_shapes` wrote, for true surfaces to compare with; without it, data/shapes/chair, if it
+        is there.
+    host
+        The address to listen at. Whoever can reach it can use it: others than the default open it to the network.
+    port
+        The first port that is tried.
+    """
+    if demo == (run is not None):
+        raise InputError("wanted a RUN, such as data/runs/chair/cagesdf, or --demo")
+    folder = DEMO / "run" if run is None else run
+    if run is None:
+        programs = programs or DEMO / "programs"
+    import torch
+
+    from cagesdf.viewing.opening import opened
+    from cagesdf.viewing.server import serving
+    from pipeline.executor import workers
+
+    torch.set_num_threads(1)
+    with serving(opened(folder, shape, programs, shapes), host, port, workers()) as editor:
+        print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)
+        while True:
+            time.sleep(3600)

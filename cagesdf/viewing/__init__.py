@@ -1,0 +1,12 @@
+"""The editor in the browser: drag the cuboids, slide the style, see the surface.
+
+document.py   what is edited: a shape, the script so far and the states that it leads through; no browser, no network
+snapping.py   a cuboid that is dragged near another one comes into contact with it
+styles.py     ways through the space of codes: principal directions, new codes
+worker.py     surfaces in the background: a coarse one while the hand moves, a fine one when it rests
+scene.py      what is seen: surface, cuboids, gizmo and handles
+panel.py      what is read, typed and clicked beside it
+tab.py        one browser tab: document, worker, scene and panel together
+files.py      what comes in and goes out through the browser
+server.py     the address; a tab for each visitor
+"""

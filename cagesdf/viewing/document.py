@@ -1,0 +1,62 @@
+"""A shape while someone edits it: the script that leads to it, which is what is saved."""
+
+from dataclasses import dataclass
+
+from cagesdf.editing.operations import Styles, apply, edited
+from cagesdf.editing.script import MAX_OPERATIONS, Operation, Redo, Script, Undo
+from cagesdf.editing.state import History, State
+from cagesdf.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A script and all that it leads to; `cagesdf edit` reads the script and comes to the same state."""
+
+    shape_id: str  # the shape of the run that it starts from
+    script: Script
+    history: History
+    before: "Document | None"  # without the last operation; None at the beginning
+
+    @staticmethod
+    def opened(shape_id: str, state: State) -> "Document":
+        """A shape that nothing was done to."""
+        return Document(shape_id, (), History.of(state), None)
+
+    @staticmethod
+    def replayed(shape_id: str, state: State, script: Script, styles: Styles) -> "Document":
+        """What a script leads to. Raises InputError as `operations.edited` does, and then nothing is done."""
+        edited(state, script, styles)  # names the operation that fails
+        document = Document.opened(shape_id, state)
+        for operation in script:
+            document = document.then(operation, styles)
+        return document
+
+    @property
+    def state(self) -> State:
+        """Where the script leads."""
+        return self.history.present
+
+    def then(self, operation: Operation, styles: Styles) -> "Document":
+        """One operation more. Raises InputError for one that can't be done, and for a script as long as may be."""
+        if len(self.script) == MAX_OPERATIONS:
+            raise InputError(f"the script has {MAX_OPERATIONS:,} operations, the most there may be; save it and reset")
+        return Document(self.shape_id, (*self.script, operation), apply(self.history, operation, styles), self)
+
+    def instead(self, operation: Operation, styles: Styles) -> "Document":
+        """The same with another last operation: a slider that goes on being moved is one operation, not hundreds."""
+        return self.then(operation, styles) if self.before is None else self.before.then(operation, styles)
+
+    def undone(self, styles: Styles) -> "Document":
+        """The last operation taken back; the script says so."""
+        return self.then(Undo(), styles)
+
+    def redone(self, styles: Styles) -> "Document":
+        """Done again; the script says so."""
+        return self.then(Redo(), styles)
+
+    def reset(self) -> "Document":
+        """The shape as it was opened, with an empty script."""
+        first = self
+        while first.before is not None:
+            first = first.before
+        return first

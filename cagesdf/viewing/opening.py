@@ -1,0 +1,70 @@
+"""From folders to what tabs share."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from cagesdf.editing.session import Session
+from cagesdf.errors import InputError
+from cagesdf.generating import has_cuboids
+from cagesdf.generation.generator import Generator
+from cagesdf.io.generators import GENERATOR, read_generator
+from cagesdf.io.runs import read_run
+from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.meshes import Mesh, join
+from cagesdf.viewing.styles import StyleSpace
+from cagesdf.viewing.tab import Opened, Truths
+
+DIRECTIONS = 5  # principal ones that have a slider
+KEPT = 32  # true surfaces that are held at once
+
+
+def opened(run: Path, shape: str | None, programs: Path | None, shapes: Path | None) -> Opened:
+    """A run; its generator and true shapes from these folders, or, if there are any, from the run's siblings.
+
+    Raises InputError for an arm without cuboids, an unknown shape, and a folder that is named and isn't there.
+    """
+    trained = read_run(run)
+    if not has_cuboids(trained):
+        raise InputError(f"{run}: was trained without cuboids, there is nothing to drag; take an arm such as cagesdf")
+    session = Session(trained)
+    first = shape or min(trained.sequences)
+    session.opened(first)
+    codes = np.stack([*session.styles.values()]).astype(np.float64)
+    return Opened(session, StyleSpace.of(codes, DIRECTIONS), _generator(run, programs), _truths(run, shapes), first)
+
+
+def _beside(run: Path, kind: str) -> Path:
+    """data/<kind>/chair of data/runs/chair/cagesdf."""
+    there = run.resolve()
+    return there.parent.parent.parent / kind / there.parent.name
+
+
+def _generator(run: Path, programs: Path | None) -> Generator | None:
+    folder = programs or _beside(run, "programs")
+    if programs is None and not (folder / GENERATOR).is_file():
+        return None
+    return read_generator(folder).generator
+
+
+class _Truths:
+    """True surfaces of the shapes in a folder, of which the last few are held."""
+
+    def __init__(self, folder: ShapeFolder) -> None:
+        self._ids = frozenset(folder.ids)
+        self._read = lru_cache(KEPT)(lambda shape_id: join([part.mesh for part in folder.read(shape_id).parts]))
+
+    def __call__(self, shape_id: str) -> Mesh | None:
+        return self._read(shape_id) if shape_id in self._ids else None
+
+
+def _nothing(shape_id: str) -> Mesh | None:
+    return None
+
+
+def _truths(run: Path, shapes: Path | None) -> Truths:
+    folder = shapes or _beside(run, "shapes")
+    if shapes is None and not (folder / "shapes.parquet").is_file():
+        return _nothing
+    return _Truths(read_shapes(folder))

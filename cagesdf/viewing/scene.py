@@ -1,0 +1,182 @@
+"""What one tab shows: the surface, coloured by part, translucent cuboids, a gizmo and handles on what is selected."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import viser
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.meshes import Mesh, compact
+from cagesdf.rendering import CLAY, EDGES, PART_COLOURS
+from cagesdf.structure.base import Structure
+
+Colour = tuple[int, int, int]
+
+SELECTED: Colour = (232, 96, 28)
+BOX_OPACITY, SELECTED_OPACITY = 0.13, 0.34
+EDGE_WIDTH, GIZMO_SIZE, HANDLE_RADIUS = 1.5, 0.32, 0.022  # pixels, canonical, canonical
+BESIDE = 1.6  # canonical: from the surface to the true one beside it
+FLOOR = -1.05  # canonical: below what any shape at rest reaches
+CAMERA = ((1.5, 1.0, 2.4), (0.0, -0.05, 0.0))  # from where, to where
+
+Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # phase, centre, axes by rows
+Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), how far outwards
+
+
+def rgb(colour: str) -> Colour:
+    """#rrggbb as numbers."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
+
+def part_colours(structure: Structure) -> list[Colour]:
+    """A colour a part; those of one label share it."""
+    labels = structure.labels()
+    words = list(dict.fromkeys(labels[part] or part for part in structure.parts()))
+    return [rgb(PART_COLOURS[words.index(labels[part] or part) % len(PART_COLOURS)]) for part in structure.parts()]
+
+
+def quaternion(axes: Float[ndarray, "3 3"]) -> Float[ndarray, " 4"]:
+    """Of a frame whose axes are the rows: w, x, y, z."""
+    return np.roll(Rotation.from_matrix(axes.T).as_quat(), 1)
+
+
+def axes_of(wxyz: Float[ndarray, " 4"]) -> Float[ndarray, "3 3"]:
+    """The rows of that frame; undoes `quaternion`."""
+    return Rotation.from_quat(np.roll(wxyz, -1)).as_matrix().T
+
+
+class Stage:
+    """The 3-D scene of one client. Frame: canonical, y up."""
+
+    def __init__(self, client: viser.ClientHandle, pick: Callable[[str, bool], None], move: Move, pull: Pull) -> None:
+        """`pick(part, more)` is called for a clicked cuboid, `move` and `pull` while gizmo and handles are dragged."""
+        self._client, self._scene = client, client.scene
+        self._pick, self._move, self._pull = pick, move, pull
+        self._boxes: dict[str, Any] = {}
+        self._pieces: list[Any] = []
+        self._handles: dict[tuple[int, int], Any] = {}
+        self._gizmo: Any = None
+        self._edges: Any = None
+        self._truth: Any = None
+        self._scene.set_up_direction("+y")
+        self._scene.add_grid(
+            "/ground", 6.0, 6.0, plane="xz", cell_size=0.25, section_size=1.0, cell_color=(226, 226, 222),
+            section_color=(206, 206, 200), position=(0.0, FLOOR, 0.0), fade_distance=9.0,
+        )  # fmt: skip
+        client.camera.position, client.camera.look_at = CAMERA
+
+    def show_surface(self, mesh: Mesh, cage: Cage, structure: Structure) -> None:
+        """A surface cut into its parts."""
+        owner, _ = cage.assign(mesh.corners().mean(axis=1)) if len(mesh.faces) else (np.zeros(0, int), None)
+        colours = dict(zip(structure.parts(), part_colours(structure)))
+        with self._client.atomic():
+            for piece in self._pieces:
+                piece.remove()
+            self._pieces = [
+                self._scene.add_mesh_simple(
+                    f"/surface/{i}",
+                    own.vertices.astype(np.float32),
+                    own.faces.astype(np.uint32),
+                    color=colours[cage.part_ids[i]],
+                )
+                for i in np.unique(owner).tolist()
+                if len((own := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
+            ]
+
+    def show_cage(self, cage: Cage, structure: Structure, selected: Sequence[str], shown: bool) -> None:
+        """The cuboids; those of the same parts are moved, others are made anew."""
+        colours = dict(zip(structure.parts(), part_colours(structure)))
+        with self._client.atomic():
+            if tuple(self._boxes) != cage.part_ids:
+                for box in self._boxes.values():
+                    box.remove()
+                self._boxes = {part: self._box(i, part, cage[part]) for i, part in enumerate(cage.part_ids)}
+            for part, box in self._boxes.items():
+                cuboid, chosen = cage[part], part in selected
+                box.position, box.wxyz, box.dimensions = cuboid.centre, quaternion(cuboid.axes), tuple(cuboid.size)
+                box.color = SELECTED if chosen else colours[part]
+                box.opacity = SELECTED_OPACITY if chosen else BOX_OPACITY
+                box.visible = shown
+            self._show_edges(cage, [SELECTED if part in selected else colours[part] for part in cage.part_ids], shown)
+
+    def _box(self, number: int, part: str, cuboid: Cuboid) -> Any:
+        box = self._scene.add_box(f"/cuboids/{number}", dimensions=tuple(cuboid.size), cast_shadow=False)
+        box.on_click(lambda _: self._pick(part, False))
+        box.on_click(modifier="shift")(lambda _: self._pick(part, True))
+        return box
+
+    def _show_edges(self, cage: Cage, colours: Sequence[Colour], shown: bool) -> None:
+        lines = cage.corners()[:, EDGES].reshape(-1, 2, 3)
+        own = np.repeat(np.array(colours, np.uint8).reshape(-1, 3), len(EDGES), axis=0)
+        self._edges = self._scene.add_line_segments(
+            "/edges", lines.astype(np.float32), np.repeat(own[:, None], 2, axis=1), thickness=EDGE_WIDTH, visible=shown
+        )
+
+    def show_gizmo(self, centre: Float[ndarray, " 3"] | None, axes: Float[ndarray, "3 3"]) -> None:
+        """The gizmo there; nowhere with None."""
+        if centre is None:
+            if self._gizmo is not None:
+                self._gizmo.remove()
+                self._gizmo = None
+            return
+        if self._gizmo is None:
+            self._gizmo = self._scene.add_transform_controls("/gizmo", GIZMO_SIZE, depth_test=False, line_width=3.0)
+
+            # Callbacks that are coroutines are called in order.
+            async def dragged(event: viser.TransformControlsEvent) -> None:
+                self._move(event.phase, np.asarray(event.target.position), axes_of(np.asarray(event.target.wxyz)))
+
+            self._gizmo.on_update(dragged)
+        self._gizmo.position, self._gizmo.wxyz = centre, quaternion(axes)
+
+    def show_handles(self, cuboid: Cuboid | None) -> None:
+        """A handle on each face of a cuboid; none with None."""
+        if cuboid is None:
+            for handle in self._handles.values():
+                handle.remove()
+            self._handles = {}
+            return
+        with self._client.atomic():
+            for axis in range(3):
+                for side in (-1, 1):
+                    if (axis, side) not in self._handles:
+                        self._handles[axis, side] = self._handle(axis, side)
+                    way = side * (cuboid.size[axis] / 2 + HANDLE_RADIUS) * cuboid.axes[axis]
+                    self._handles[axis, side].position = cuboid.centre + way
+        self._handled = cuboid
+
+    def _handle(self, axis: int, side: int) -> Any:
+        handle = self._scene.add_icosphere(
+            f"/handles/{'xyz'[axis]}{'+' if side > 0 else '-'}", HANDLE_RADIUS, SELECTED, cast_shadow=False
+        )
+        grabbed: dict[str, ndarray] = {}
+
+        async def dragged(event: Any) -> None:
+            there = np.asarray(event.end_position)
+            if event.phase == "start":
+                grabbed["from"], grabbed["along"] = np.asarray(event.start_position), side * self._handled.axes[axis]
+            self._pull(event.phase, axis, side, float((there - grabbed["from"]) @ grabbed["along"]))
+
+        handle.on_drag(dragged)
+        return handle
+
+    def show_truth(self, mesh: Mesh | None, opacity: float) -> None:
+        """The true surface beside; not there with None or opacity 0."""
+        if self._truth is not None:
+            self._truth.remove()
+            self._truth = None
+        if mesh is not None and opacity > 0:
+            self._truth = self._scene.add_mesh_simple(
+                "/truth", mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32), color=rgb(CLAY),
+                opacity=opacity if opacity < 1 else None, position=(BESIDE, 0.0, 0.0),
+            )  # fmt: skip
+
+
+def label_of(names: Mapping[str, str], parts: Sequence[str]) -> str:
+    """What is selected, in words."""
+    return ", ".join(names[part] for part in parts) or "nothing"

@@ -1,0 +1,67 @@
+"""The editor's address: a page for everyone who opens it, a `Tab` for each."""
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import numpy as np
+import viser
+
+from cagesdf.viewing.tab import Opened, Tab
+
+
+class Editor:
+    """A server with one tab a client; what a tab holds is freed when its page is closed."""
+
+    def __init__(self, opened: Opened, host: str, port: int, threads: int) -> None:
+        """`port` is the first that is tried; the network is asked by `threads` threads for all tabs together."""
+        self._opened = opened
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="network")
+        self._tabs: dict[int, Tab] = {}
+        self._lock = threading.Lock()
+        self.server = viser.ViserServer(host, port, label="cagesdf", verbose=False)
+        self.server.on_client_connect(self._come)
+        self.server.on_client_disconnect(self._leave)
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds it."""
+        host = self.server.get_host()
+        return f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
+
+    @property
+    def tabs(self) -> int:
+        """How many there are."""
+        with self._lock:
+            return len(self._tabs)
+
+    def close(self) -> None:
+        """End all tabs and the server."""
+        with self._lock:
+            tabs, self._tabs = list(self._tabs.values()), {}
+        for tab in tabs:
+            tab.close()
+        self.server.stop()
+        self._pool.shutdown()
+
+    def _come(self, client: viser.ClientHandle) -> None:
+        tab = Tab(client, self._opened, self._pool, np.random.default_rng())
+        with self._lock:
+            self._tabs[client.client_id] = tab
+
+    def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            tab = self._tabs.pop(client.client_id, None)
+        if tab is not None:
+            tab.close()
+
+
+@contextmanager
+def serving(opened: Opened, host: str, port: int, threads: int) -> Iterator[Editor]:
+    """An editor for the time of the context."""
+    editor = Editor(opened, host, port, threads)
+    try:
+        yield editor
+    finally:
+        editor.close()

@@ -1,0 +1,375 @@
+"""One browser tab: what is done there becomes an operation of the script, what the script leads to is shown."""
+
+import hashlib
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import viser
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation as Turn
+
+from cagesdf.cuboid import Cage
+from cagesdf.editing.parts import parameters, part_names
+from cagesdf.editing.script import Axis, Blend, Build, End, Move, Operation, Resize, Rotate, Set, Style, dump
+from cagesdf.editing.session import Session
+from cagesdf.editing.state import State
+from cagesdf.errors import InputError
+from cagesdf.generating import draw_cages, of_program
+from cagesdf.generation.generator import Generated, Generator
+from cagesdf.meshes import Mesh
+from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
+from cagesdf.viewing import files
+from cagesdf.viewing.document import Document
+from cagesdf.viewing.panel import NOTHING, Actions, Panel
+from cagesdf.viewing.scene import Stage, label_of
+from cagesdf.viewing.snapping import snapped
+from cagesdf.viewing.styles import StyleSpace
+from cagesdf.viewing.worker import FINE, Made, Worker
+
+AXES: tuple[Axis, ...] = ("x", "y", "z")
+PICTURE = 220  # pixels along a side of a thumbnail
+
+
+class Truths(Protocol):
+    """True surfaces by shape id."""
+
+    def __call__(self, shape_id: str) -> Mesh | None:
+        """The parts of a shape, canonical, as one mesh; None where it isn't known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A run that tabs share; nothing of it changes."""
+
+    session: Session
+    styles: StyleSpace
+    generator: Generator | None
+    truth: Truths
+    first: str  # id of the shape that a tab begins with
+
+
+class Tab:
+    """The state of one visitor. Callbacks may come from several threads; each waits for the one before."""
+
+    def __init__(
+        self, client: viser.ClientHandle, opened: Opened, pool: ThreadPoolExecutor, rng: np.random.Generator
+    ) -> None:
+        self._client, self._opened, self._rng = client, opened, rng
+        self._lock = threading.RLock()
+        self._selected: tuple[str, ...] = ()
+        self._made: Made | None = None
+        self._number = 0  # of generated shapes
+        self._sliding: tuple[object, ...] = ()  # the control whose last operation is replaced while it moves on
+        self._document = self._fresh(opened.first)
+        self._stage = Stage(client, self._pick, self._moved, self._pulled)
+        self._panel = Panel(
+            client,
+            Actions(
+                self._open, self._undo, self._redo, self._reset, self._choose, self._place, self._lengths, self._redraw,
+                self._set, self._blend, self._direct, self._surprise, self._generate, self._save, self._load,
+                self._export, self._upload,
+            ),
+            sorted(opened.session.run.sequences),
+            len(opened.styles.directions),
+            opened.generator is not None,
+            opened.truth(opened.first) is not None,
+            self._guarded,
+        )  # fmt: skip
+        self._panel.shape.value = opened.first
+        self._worker = Worker(opened.session, pool, self._show, self._say)
+        self._redraw()
+        self._worker.want(self._document.state)
+
+    def close(self) -> None:
+        """Free what the tab holds."""
+        self._worker.close()
+
+    # What is shown
+
+    def _show(self, made: Made) -> None:
+        self._made = made
+        mesh, state = made.found.mesh, made.state
+        self._stage.show_surface(mesh, state.cage, state.structure)
+        mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
+        self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces, {mark}"
+        self._say(f"surface of {made.cells} cells in {made.seconds:.2f} s, {made.found.asked:,} points asked")
+
+    def _say(self, text: str) -> None:
+        self._panel.status.value = text
+
+    def _guarded(self, act: Callable[[], None]) -> None:
+        """Do something; what is wrong with it is said in the status line, and nothing has changed then."""
+        with self._lock:
+            try:
+                act()
+            except ValueError as error:
+                self._say(str(error))
+                self._redraw()
+
+    def _redraw(self, state: State | None = None) -> None:
+        """Cuboids, gizmo and numbers: of the document, or of a state on the way."""
+        state = state or self._document.state
+        names = part_names(state.structure)
+        self._selected = tuple(part for part in self._selected if part in names)
+        shown = self._panel.shown.value
+        self._stage.show_cage(state.cage, state.structure, self._selected, shown)
+        centre, axes = self._frame(state)
+        self._stage.show_gizmo(centre if shown else None, axes)
+        one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
+        self._stage.show_handles(one if shown else None)
+        self._panel.show_parts([*names.values()], label_of(names, self._selected) if one is not None else None)
+        unit = state.similarity
+        self._panel.show_cuboid(
+            None if one is None else unit.to_raw(one.centre[None])[0], None if one is None else one.size / unit.scale
+        )
+        placed = state.structure.placed_program()
+        self._panel.show_program({} if placed is None else parameters(placed[0]))
+        self._panel.show_style(self._opened.styles.places(state.latent))
+        self._stage.show_truth(self._opened.truth(self._document.shape_id), self._panel.truth.value)
+
+    def _frame(self, state: State) -> tuple[Float[ndarray, " 3"] | None, Float[ndarray, "3 3"]]:
+        """Where the gizmo is, and its axes: the cuboid's own, or the user's around several."""
+        if len(self._selected) == 1:
+            return state.cage[self._selected[0]].centre, state.cage[self._selected[0]].axes
+        corners = _only(state.cage, self._selected).corners().reshape(-1, 3)
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2 if len(corners) else None
+        return middle, state.similarity.rotation.T
+
+    # Selection
+
+    def _pick(self, part: str, more: bool) -> None:
+        def act() -> None:
+            rest = tuple(other for other in self._selected if other != part)
+            chosen = rest if more and part in self._selected else (*rest, part) if more else (part,)
+            self._selected = chosen
+            self._redraw()
+            self._say(f"selected: {label_of(part_names(self._document.state.structure), chosen)}")
+
+        self._guarded(act)
+
+    def _choose(self, name: str) -> None:
+        parts = {own: part for part, own in part_names(self._document.state.structure).items()}
+        self._selected = (parts[name],) if name != NOTHING else ()
+        self._redraw()
+
+    @property
+    def _pattern(self) -> str:
+        return "|".join(self._selected)
+
+    # Operations
+
+    def _do(self, operation: Operation, control: tuple[object, ...] = ()) -> None:
+        """Go on with an operation; one of the same control takes the place of the one before."""
+        again = bool(control) and control == self._sliding
+        step = self._document.instead if again else self._document.then
+        self._become(step(operation, self._opened.session.styles), control)
+
+    def _become(self, document: Document, control: tuple[object, ...] = ()) -> None:
+        self._document, self._sliding = document, control
+        self._redraw()
+        self._worker.want(document.state)
+
+    def _preview(self, operation: Operation) -> None:
+        """Show where an operation leads that isn't finished yet."""
+        state = self._document.then(operation, self._opened.session.styles).state
+        self._stage.show_cage(state.cage, state.structure, self._selected, shown=True)
+        if len(self._selected) == 1:
+            self._stage.show_handles(state.cage[self._selected[0]])
+        self._worker.want(state)
+
+    def _drag(self, phase: str, operation: Operation | None) -> None:
+        """An operation while a hand drags: shown, and done at the end."""
+        if operation is None:
+            return
+        if phase == "end":
+            self._do(operation)
+        elif phase == "update":
+            self._preview(operation)
+
+    def _moved(self, phase: str, centre: Float[ndarray, " 3"], axes: Float[ndarray, "3 3"]) -> None:
+        """The gizmo was dragged."""
+        self._guarded(lambda: self._drag(phase, self._motion(centre, axes)))
+
+    def _motion(self, centre: Float[ndarray, " 3"], axes: Float[ndarray, "3 3"]) -> Operation | None:
+        """What leads the gizmo from where it was to here: a turn about one axis, or a move."""
+        state = self._document.state
+        before, own = self._frame(state)
+        if before is None:
+            return None
+        turn = _turn(own, axes)
+        if turn is not None:
+            row, degrees = turn
+            if len(self._selected) == 1:
+                axis, sign = _named(state, row)
+                return Rotate(
+                    part=self._pattern, axis=axis, angle=sign * degrees, mirror=self._mirror, repeat=self._repeat
+                )
+            return Rotate(
+                part=self._pattern,
+                axis=AXES[row],
+                angle=degrees,
+                frame="shape",
+                mirror=self._mirror,
+                repeat=self._repeat,
+            )
+        way = centre - before
+        if not way.any():
+            return None
+        if self._panel.snap.value:
+            others = _only(state.cage, [part for part in state.cage.part_ids if part not in self._selected])
+            own_parts = _only(state.cage, self._selected)
+            there = Cage(own_parts.part_ids, own_parts.centre + way, own_parts.axes, own_parts.size)
+            way = way + snapped(there, others) * (np.abs(way) > 1e-9)
+        return self._move(way)
+
+    def _move(self, way: Float[ndarray, " 3"]) -> Operation:
+        x, y, z = (self._document.state.similarity.rotation.T @ way / self._document.state.similarity.scale).tolist()
+        return Move(part=self._pattern, by=(x, y, z), mirror=self._mirror, repeat=self._repeat)
+
+    def _pulled(self, phase: str, axis: int, side: int, way: float) -> None:
+        """A face was dragged outwards by `way`, canonical."""
+
+        def act() -> None:
+            state = self._document.state
+            length = float(state.cage[self._selected[0]].size[axis])
+            name, sign = _named(state, axis)
+            factor = float(np.clip((length + way) / length, 0.02, 50))
+            keep: End = "low" if side * sign > 0 else "high"
+            self._drag(
+                phase,
+                Resize(
+                    part=self._pattern, axis=name, factor=factor, keep=keep, mirror=self._mirror, repeat=self._repeat
+                ),
+            )
+
+        self._guarded(act)
+
+    @property
+    def _mirror(self) -> bool:
+        return bool(self._panel.mirror.value)
+
+    @property
+    def _repeat(self) -> bool:
+        return bool(self._panel.repeat.value)
+
+    def _place(self, centre: tuple[float, float, float]) -> None:
+        state = self._document.state
+        there = state.similarity.to_canonical(np.array([centre]))[0]
+        self._do(self._move(there - state.cage[self._selected[0]].centre), ("centre", self._selected))
+
+    def _lengths(self, lengths: tuple[float, float, float]) -> None:
+        state = self._document.state
+        factors = np.array(lengths) * state.similarity.scale / state.cage[self._selected[0]].size
+        for row in np.flatnonzero(np.abs(factors - 1) > 1e-4).tolist():
+            axis, _ = _named(state, row)
+            self._do(
+                Resize(
+                    part=self._pattern, axis=axis, factor=float(factors[row]), mirror=self._mirror, repeat=self._repeat
+                )
+            )
+
+    def _set(self, parameter: str, value: float) -> None:
+        if parameter != NOTHING:
+            self._do(Set(parameter=parameter, value=value), ("set", parameter))
+
+    def _blend(self, shape_id: str, weight: float) -> None:
+        if shape_id != NOTHING:
+            self._do(Blend(style_of=shape_id, weight=weight), ("blend", shape_id))
+
+    def _direct(self, direction: int, place: float) -> None:
+        code = self._opened.styles.moved(self._document.state.latent, direction, place)
+        self._do(Style(code=tuple(code.tolist())), ("direct",))
+
+    def _surprise(self, temperature: float) -> None:
+        code = self._opened.styles.drawn(self._rng, temperature)
+        self._do(Style(code=tuple(code.tolist())))
+
+    # Shapes
+
+    def _fresh(self, shape_id: str) -> Document:
+        return Document.opened(shape_id, self._opened.session.opened(shape_id))
+
+    def _open(self, shape_id: str) -> None:
+        self._selected = ()
+        self._become(self._fresh(shape_id))
+
+    def _undo(self) -> None:
+        self._become(self._document.undone(self._opened.session.styles))
+
+    def _redo(self) -> None:
+        self._become(self._document.redone(self._opened.session.styles))
+
+    def _reset(self) -> None:
+        self._become(self._document.reset())
+
+    def _generate(self, temperature: float) -> None:
+        if self._opened.generator is None:
+            raise InputError("this run has no generator of new cuboids")
+        found = draw_cages(self._opened.generator, self._rng, 1, temperature)
+        if not found.kept:
+            raise InputError(f"no draw gave a valid shape: {found.failures}; lower the temperature")
+        self._build(found.kept[0])
+        self._surprise(1.0)
+        self._number += 1
+        document, state = self._document, self._document.state
+        colours = (CLAY,) * len(state.cage)
+        [pictures], _ = render_rows([[Scene(cage=state.cage, cage_colours=colours)]], PICTURE)
+        self._panel.add_made(side_by_side(pictures, 1), f"Take shape {self._number}", lambda: self._become(document))
+
+    def _build(self, generated: Generated) -> None:
+        structure = generated.structure
+        if structure.placed_program() is None:
+            structure = structure.with_cuboids(generated.cage.cuboids())
+        self._selected = ()
+        self._do(Build(structure=structure.to_json()))
+
+    # Files
+
+    def _save(self) -> None:
+        name = f"{self._document.shape_id}.json"
+        self._client.send_file_download(name, dump(self._document.script).encode(), save_immediately=True)
+
+    def _load(self, name: str, content: bytes) -> None:
+        script = files.script_of(name, content)
+        shape_id, styles = self._document.shape_id, self._opened.session.styles
+        self._become(Document.replayed(shape_id, self._document.reset().state, script, styles))
+        self._say(f"{name}: {len(script)} operations on {shape_id}")
+
+    def _export(self, ending: str) -> None:
+        state, made = self._document.state, self._made
+        if made is None or made.state is not state or made.cells != FINE:
+            mesh = self._opened.session.live(FINE).surface(state).mesh
+        else:
+            mesh = made.found.mesh
+        content = files.exported(mesh, state, ending)
+        self._client.send_file_download(f"{self._document.shape_id}.{ending}", content, save_immediately=True)
+        self._say(f"{self._document.shape_id}.{ending}: {len(content):,} bytes, {len(mesh.faces):,} faces")
+
+    def _upload(self, name: str, content: bytes) -> None:
+        self._build(of_program(files.program_of(name, content), self._opened.session.run))
+        self._say(f"{name}: {len(self._document.state.cage)} cuboids")
+
+
+def _only(cage: Cage, parts: Sequence[str]) -> Cage:
+    return Cage.of({part: cage[part] for part in parts})
+
+
+def _turn(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
+    """About which of its axes a frame has turned most, and by how many degrees; None if it hasn't."""
+    vector = Turn.from_matrix(before @ after.T).as_rotvec(degrees=True)
+    row = int(np.abs(vector).argmax())
+    return (row, float(vector[row])) if abs(vector[row]) > 1e-3 else None
+
+
+def _named(state: State, row: int) -> tuple[Axis, float]:
+    """The user's axis that one of the cuboids' axes is named after, and 1 or -1: which way along it."""
+    for axis in AXES:
+        own, sign = state.own_axis(axis)
+        if own == row:
+            return axis, sign
+    raise AssertionError(f"no axis is named {row}")

@@ -1,0 +1,109 @@
+"""Surfaces in the background, the newest state first.
+
+A state that is wanted gets a coarse surface at once. When none newer has come for REST seconds it gets the fine one,
+and a newer one then ends that work at the next cuboid. Coarse surfaces are always finished and shown, so that
+something follows the hand however fast it moves.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from cagesdf.editing.session import Live, Session
+from cagesdf.editing.state import State
+from cagesdf.extraction import Extraction
+from cagesdf.extraction.joining import Part
+
+COARSE = 96  # cells
+FINE = 128  # what `cagesdf edit` has without --resolution, so that what is seen is what is written
+REST = 0.3  # seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A surface that was made."""
+
+    state: State
+    found: Extraction
+    cells: int
+    seconds: float  # from the beginning of its work
+
+
+class Overtaken(Exception):
+    """A newer state is wanted."""
+
+
+class Worker:
+    """A thread that makes surfaces for one tab. `close` ends it."""
+
+    def __init__(
+        self, session: Session, pool: ThreadPoolExecutor, show: Callable[[Made], None], fail: Callable[[str], None]
+    ) -> None:
+        """`show` is called from the thread with each surface, `fail` with what is wrong with a state; `pool` asks the
+        network, and may be shared."""
+        self._pool = pool
+        self._show, self._fail = show, fail
+        self._coarse = session.live(COARSE, each=pool.map)
+        self._fine = session.live(FINE, each=self._unless_overtaken)
+        self._changed = threading.Condition()
+        self._wanted: State | None = None
+        self._number = 0  # of the newest state
+        self._working = 0  # number of the state that is worked at
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="surfaces", daemon=True)
+        self._thread.start()
+
+    def want(self, state: State) -> None:
+        """Make the surface of this state next; what waited before is forgotten."""
+        with self._changed:
+            self._wanted = state
+            self._number += 1
+            self._changed.notify()
+
+    def close(self) -> None:
+        """End the thread, at the next cuboid."""
+        with self._changed:
+            self._closed = True
+            self._number += 1
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (state := self._next()) is not None:
+            try:
+                self._make(self._coarse, COARSE, state)
+                if self._rested():
+                    self._make(self._fine, FINE, state)
+            except Overtaken:
+                continue
+            except ValueError as error:  # an InputError, or a surface that doesn't keep what is promised
+                self._fail(str(error))
+
+    def _next(self) -> State | None:
+        """The newest state, once there is one; None at the end."""
+        with self._changed:
+            while self._wanted is None and not self._closed:
+                self._changed.wait()
+            state, self._wanted = self._wanted, None
+            self._working = self._number
+            return None if self._closed else state
+
+    def _rested(self) -> bool:
+        """Wait; whether nothing newer came."""
+        with self._changed:
+            return not self._changed.wait_for(lambda: self._number != self._working, timeout=REST)
+
+    def _make(self, live: Live, cells: int, state: State) -> None:
+        start = time.perf_counter()
+        found = live.surface(state)
+        self._show(Made(state, found, cells, time.perf_counter() - start))
+
+    def _unless_overtaken(self, work: Callable[[int], Part], cuboids: Iterable[int]) -> Iterator[Part]:
+        def checked(cuboid: int) -> Part:
+            if self._number != self._working:
+                raise Overtaken
+            return work(cuboid)
+
+        return self._pool.map(checked, cuboids)
