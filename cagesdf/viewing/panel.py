@@ -101,9 +101,9 @@ class Panel:
         gui = self._gui
         self.part = gui.add_dropdown("Part", (NOTHING,))
         self._on(self.part, lambda: actions.select(self.part.value))
-        self.centre = gui.add_vector3("Centre", (0.0, 0.0, 0.0), step=0.01, disabled=True)
+        self.centre = gui.add_vector3("Centre", (0.0, 0.0, 0.0), step=0.001, disabled=True)
         self._on(self.centre, lambda: actions.place(self.centre.value))
-        self.lengths = gui.add_vector3("Lengths", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.01, disabled=True)
+        self.lengths = gui.add_vector3("Lengths", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, disabled=True)
         self._on(self.lengths, lambda: actions.lengths(self.lengths.value))
         self.mirror = gui.add_checkbox("Mirrored parts follow", True)
         self.repeat = gui.add_checkbox("Repeated parts follow", True)
@@ -115,7 +115,7 @@ class Panel:
         self.program = gui.add_folder("Through the program", expand_by_default=False)
         with self.program:
             self.parameter = gui.add_dropdown("Parameter", (NOTHING,))
-            self.value = gui.add_number("Value", 0.0, step=0.01)
+            self.value = gui.add_number("Value", 0.0, step=0.001)
         self._on(self.parameter, lambda: self.show_value(self._values))
         self._on(self.value, lambda: actions.set_parameter(self.parameter.value, self.value.value))
         self._values: Mapping[str, float] = {}

@@ -20,8 +20,6 @@ SELECTED: Colour = (232, 96, 28)
 BOX_OPACITY, SELECTED_OPACITY = 0.13, 0.34
 EDGE_WIDTH, GIZMO_SIZE, HANDLE_RADIUS = 1.5, 0.32, 0.022  # pixels, canonical, canonical
 BESIDE = 1.6  # canonical: from the surface to the true one beside it
-FLOOR = -1.05  # canonical: below what any shape at rest reaches
-CAMERA = ((1.5, 1.0, 2.4), (0.0, -0.05, 0.0))  # from where, to where
 
 Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # phase, centre, axes by rows
 Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), how far outwards
@@ -64,11 +62,14 @@ class Stage:
         self._edges: Any = None
         self._truth: Any = None
         self._scene.set_up_direction("+y")
-        self._scene.add_grid(
-            "/ground", 6.0, 6.0, plane="xz", cell_size=0.25, section_size=1.0, cell_color=(226, 226, 222),
-            section_color=(206, 206, 200), position=(0.0, FLOOR, 0.0), fade_distance=9.0,
+        self._ground = self._scene.add_grid(
+            "/ground", 4.0, 4.0, plane="xz", cell_size=0.2, section_size=1.0, cell_color=(236, 235, 232),
+            section_color=(222, 220, 214), fade_distance=6.0,
         )  # fmt: skip
-        client.camera.position, client.camera.look_at = CAMERA
+
+    def show_ground(self, cage: Cage) -> None:
+        """The ground, where a cage stands."""
+        self._ground.position = (0.0, float(cage.corners()[:, :, 1].min()) - 2e-3, 0.0)
 
     def show_surface(self, mesh: Mesh, cage: Cage, structure: Structure) -> None:
         """A surface cut into its parts."""
@@ -114,7 +115,12 @@ class Stage:
         lines = cage.corners()[:, EDGES].reshape(-1, 2, 3)
         own = np.repeat(np.array(colours, np.uint8).reshape(-1, 3), len(EDGES), axis=0)
         self._edges = self._scene.add_line_segments(
-            "/edges", lines.astype(np.float32), np.repeat(own[:, None], 2, axis=1), thickness=EDGE_WIDTH, visible=shown
+            "/edges",
+            lines.astype(np.float32),
+            np.repeat(own[:, None], 2, axis=1),
+            thickness=EDGE_WIDTH,
+            thickness_units="screen",
+            visible=shown,
         )
 
     def show_gizmo(self, centre: Float[ndarray, " 3"] | None, axes: Float[ndarray, "3 3"]) -> None:

@@ -11,6 +11,9 @@ import viser
 from cagesdf.viewing.tab import Opened, Tab
 
 
+CAMERA = ((1.25, 0.75, 2.05), (0.0, 0.0, 0.0))  # from where, to where; canonical
+
+
 class Editor:
     """A server with one tab a client; what a tab holds is freed when its page is closed."""
 
@@ -21,6 +24,8 @@ class Editor:
         self._tabs: dict[int, Tab] = {}
         self._lock = threading.Lock()
         self.server = viser.ViserServer(host, port, label="cagesdf", verbose=False)
+        self.server.scene.set_up_direction("+y")
+        self.server.initial_camera.position, self.server.initial_camera.look_at = CAMERA
         self.server.on_client_connect(self._come)
         self.server.on_client_disconnect(self._leave)
 

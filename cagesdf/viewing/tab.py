@@ -82,6 +82,7 @@ class Tab:
         )  # fmt: skip
         self._panel.shape.value = opened.first
         self._worker = Worker(opened.session, pool, self._show, self._say)
+        self._stage.show_ground(self._document.state.cage)
         self._redraw()
         self._worker.want(self._document.state)
 
@@ -170,6 +171,8 @@ class Tab:
         self._become(step(operation, self._opened.session.styles), control)
 
     def _become(self, document: Document, control: tuple[object, ...] = ()) -> None:
+        if document.state.structure is not self._document.state.structure:
+            self._stage.show_ground(document.state.cage)
         self._document, self._sliding = document, control
         self._redraw()
         self._worker.want(document.state)
