@@ -8,19 +8,35 @@ import programs
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.editing.links import mirrors
+from cagesdf.editing.links import mirrors, repeats
 from cagesdf.editing.operations import edited
 from cagesdf.editing.parts import parameters, part_names
-from cagesdf.editing.script import Blend, Move, Operation, Redo, Resize, Rotate, Scale, Set, Swap, Undo, parse
+from cagesdf.editing.script import (
+    Blend,
+    Build,
+    Move,
+    Operation,
+    Redo,
+    Resize,
+    Rotate,
+    Scale,
+    Set,
+    Style,
+    Swap,
+    Undo,
+    parse,
+)
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.executor import execute_nodes
 from cagesdf.structure.hierarchy import Node, PartHierarchy
-from cagesdf.structure.relations import Adjacency, Reflection
+from cagesdf.structure.relations import Adjacency, Reflection, Translation
+from cagesdf.structure.relations import Rotation as Turned
 
 # The user's z is up, and the unit is a tenth of the canonical one.
 Z_UP = Similarity(0.1, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
@@ -311,3 +327,76 @@ def test_parameters_have_a_name_each() -> None:
     assert named["Chair.back.attach2.z2"] == 0.02
     assert named["Side.leg.squeeze1.v"] == 0.05
     assert named["Side.leg.translate1.span"] == 0.9
+
+
+def rail(relation: Translation | Turned) -> State:
+    """Two bars, the second one made of the first."""
+    first = Cuboid(np.array([0.1, 0.2, 0.0]), turned(10), np.array([0.1, 0.5, 0.05]))
+    match relation:
+        case Translation(offset=offset):
+            second = replace(first, centre=first.centre + offset)
+        case Turned(pivot=pivot, axis=axis, angle=angle):
+            turn = Rotation.from_rotvec(angle * np.array(axis)).as_matrix()
+            second = Cuboid(turn @ (first.centre - pivot) + pivot, first.axes @ turn.T, first.size)
+    leaves = tuple(Node(name, "bar", (), (), None) for name in ("1", "2"))
+    structure = PartHierarchy(Node("0", "rail", leaves, (relation,), None))
+    return State.opened(Cage.of({"1": first, "2": second}), structure, STYLES["b"], Z_UP)
+
+
+REPEATS = (
+    Translation("1", "2", (0.3, 0.0, 0.1)),
+    Turned("1", "2", (0.0, 0.1, 0.0), (0.0, 1.0, 0.0), 2 * np.pi / 3),
+)
+
+
+@pytest.mark.parametrize("relation", REPEATS)
+@pytest.mark.parametrize("part", ["1", "2"])
+def test_repeated_parts_stay_repeated_if_the_script_says_so(relation: Translation | Turned, part: str) -> None:
+    changes = (
+        Move(part=part, by=(0.3, 0.2, -0.4), frame="cuboid", repeat=True),
+        Resize(part=part, axis="y", factor=1.2, keep="low", repeat=True),
+        Rotate(part=part, axis="z", angle=15, repeat=True),
+    )
+    state = do(rail(relation), *changes)
+    motion = next(iter(repeats(state)["1"].values()))
+    np.testing.assert_allclose(state.cage["2"].centre, motion(state.cage["1"].centre), atol=1e-12)
+    np.testing.assert_allclose(state.cage["2"].size, state.cage["1"].size)
+    np.testing.assert_allclose(state.cage["2"].axes, state.cage["1"].axes @ motion.rotation.T, atol=1e-12)
+    alone = do(rail(relation), replace_repeat(changes[0]))
+    other = "2" if part == "1" else "1"
+    np.testing.assert_array_equal(alone.cage[other].centre, rail(relation).cage[other].centre)
+
+
+def replace_repeat(operation: Move) -> Move:
+    return operation.model_copy(update={"repeat": False})
+
+
+def test_several_parts_are_named_with_a_bar() -> None:
+    by = (0.1, 0.0, 0.2)
+    together = do(chair(), Move(part="seat|arm_1", by=by, mirror=False))
+    same(together, do(chair(), Move(part="seat", by=by, mirror=False), Move(part="arm_1", by=by, mirror=False)))
+    with pytest.raises(InputError, match="'wing': no part"):
+        do(chair(), Move(part="seat|wing", by=by))
+
+
+def test_a_style_is_taken_by_its_code() -> None:
+    same(do(chair(), Style(code=(2.0, -1.0))), do(chair(), Swap(style_of="b")))
+    with pytest.raises(InputError, match="3 numbers"):
+        do(chair(), Style(code=(0.0, 0.0, 0.0)))
+
+
+def test_another_structure_stands_in_its_own_cuboids_and_keeps_the_style() -> None:
+    other = rail(REPEATS[0])
+    tree = other.structure.with_cuboids(other.cage.cuboids())
+    state = do(chair(), Swap(style_of="b"), Build(structure=tree.to_json()))
+    np.testing.assert_allclose(state.cage.vectors(), other.cage.vectors(), atol=1e-12)
+    np.testing.assert_array_equal(state.latent, STYLES["b"])
+    np.testing.assert_array_equal(state.similarity.to_raw(np.eye(3)), np.eye(3))
+    program = chair().structure
+    np.testing.assert_allclose(do(jug(), Build(structure=program.to_json())).cage.vectors(), chair().cage.vectors())
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", '{"program": 3}', "[" * 100_000, rail(REPEATS[0]).structure.to_json()])
+def test_what_is_no_structure_with_cuboids_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="structure"):
+        do(chair(), Build(structure=text))

@@ -10,7 +10,6 @@ import viser
 
 from cagesdf.viewing.tab import Opened, Tab
 
-
 CAMERA = ((1.25, 0.75, 2.05), (0.0, 0.0, 0.0))  # from where, to where; canonical
 
 
