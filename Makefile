@@ -6,13 +6,14 @@ export PATH := $(BIN):$(PATH)
 REPRO := python -m pipeline.lanes
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: help repro own test check
+.PHONY: help repro own demo test check
 
 help:
 	@echo 'make repro                          the whole pipeline, default size, then the report'
 	@echo 'make repro PROFILE=tiny             the same in work/tiny with profiles/tiny.yaml'
 	@echo 'make own DATA=folder NAME=chair     your own shapes, in work/own-chair'
 	@echo '         [INCLUDE="Chair_*"] [UP=z]'
+	@echo 'make demo                           train what cagesdf view --demo opens'
 	@echo 'make test                           the tests'
 	@echo 'make check                          ruff and mypy'
 
@@ -37,6 +38,12 @@ own: .venv/installed
 	@folder=$$(python -m pipeline.workspace own --data "$(DATA)" --name "$(NAME)" \
 		$(if $(INCLUDE),--include "$(INCLUDE)") $(if $(UP),--up "$(UP)")) && cd "$$folder" && $(REPRO) && \
 	echo "The report: $$folder/data/report/index.html"
+
+# Snapshots, logs and evaluations stay behind: 3 MB at most.
+demo: .venv/installed
+	@folder=$$(python -m pipeline.workspace profile demo) && cd "$$folder" && $(REPRO) && cd "$(CURDIR)" && \
+	rm -rf cagesdf/demo/run cagesdf/demo/programs && mkdir -p cagesdf/demo/run cagesdf/demo/programs && \
+	cp "$$folder"/data/runs/chair/cagesdf/*.* cagesdf/demo/run && cp "$$folder"/data/programs/chair/*.* cagesdf/demo/programs
 
 test: .venv/installed-dev
 	python -m pytest -n 2

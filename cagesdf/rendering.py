@@ -50,6 +50,12 @@ Image = UInt8[ndarray, "size size 4"]  # red, green, blue, alpha; rows from the 
 EDGES = np.array([[a, a + bit] for bit in (4, 2, 1) for a in range(8) if not a & bit])
 
 
+def rgb(colour: str) -> tuple[int, int, int]:
+    """#rrggbb as numbers up to 255."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What one picture shows: surfaces, and a cage around them or alone."""
@@ -224,9 +230,9 @@ def draw_with_matplotlib(scene: Scene, view: View, size: int) -> Image:
     axes = canvas.figure.add_axes((0, 0, 1, 1), frameon=False, xticks=[], yticks=[])
     for i, centre in enumerate(view.centre[:2]):
         (axes.set_xlim, axes.set_ylim)[i](centre - view.half, centre + view.half)
-    meshes = [(mesh, _rgb(colour)) for mesh, colour in zip(scene.meshes, scene.colours) if len(mesh.faces)]
+    meshes = [(mesh, _shares(colour)) for mesh, colour in zip(scene.meshes, scene.colours) if len(mesh.faces)]
     if meshes:
-        shaded = [_divided(*_shaded(mesh, rgb), longest=view.half / 12) for mesh, rgb in meshes]
+        shaded = [_divided(*_shaded(mesh, shares), longest=view.half / 12) for mesh, shares in meshes]
         triangles, colours = map(np.concatenate, zip(*shaded))
         far_first = np.argsort(triangles[..., 2].mean(axis=1), kind="stable")
         flat: Any = triangles[far_first, :, :2]
@@ -234,7 +240,7 @@ def draw_with_matplotlib(scene: Scene, view: View, size: int) -> Image:
         # Outlines in the same colour close the seams that antialiasing leaves between triangles.
         axes.add_collection(PolyCollection(flat, facecolors=colours, edgecolors=colours, lw=0.7))
     for corners, colour in _boxes(scene):
-        flat = _shaded(Mesh(corners, CUBE_FACES), _rgb(colour))[0][..., :2]
+        flat = _shaded(Mesh(corners, CUBE_FACES), _shares(colour))[0][..., :2]
         axes.add_collection(PolyCollection(flat, facecolors=colour, lw=0, alpha=BOX_ALPHA))
         lines = (corners @ CAMERA.T)[EDGES][..., :2]
         axes.add_collection(LineCollection(lines, colors=colour, lw=LINE_WIDTH * size * 0.72))
@@ -242,11 +248,11 @@ def draw_with_matplotlib(scene: Scene, view: View, size: int) -> Image:
     return np.array(canvas.buffer_rgba())
 
 
-def _rgb(colour: str) -> Float[ndarray, " 3"]:
-    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+def _shares(colour: str) -> Float[ndarray, " 3"]:
+    return np.array(rgb(colour)) / 255
 
 
-def _shaded(mesh: Mesh, rgb: Float[ndarray, " 3"]) -> tuple[Float[ndarray, "f 3 3"], Float[ndarray, "f 3"]]:
+def _shaded(mesh: Mesh, shares: Float[ndarray, " 3"]) -> tuple[Float[ndarray, "f 3 3"], Float[ndarray, "f 3"]]:
     """The triangles that face the viewer, in camera axes, and their colours under LIGHTS."""
     normals = face_normals(mesh) @ CAMERA.T
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -256,7 +262,7 @@ def _shaded(mesh: Mesh, rgb: Float[ndarray, " 3"]) -> tuple[Float[ndarray, "f 3 
         strength * (normals[seen] @ (np.array(direction) / np.linalg.norm(direction))).clip(0)
         for direction, strength in LIGHTS
     )
-    return triangles[seen], (rgb * light[:, None]).clip(0, 1)
+    return triangles[seen], (shares * light[:, None]).clip(0, 1)
 
 
 def _divided(

@@ -19,8 +19,9 @@ STAGES = sorted(path.stem for path in (ROOT / "stages").glob("*.py") if path.ste
 
 
 def code(folder: str) -> set[str]:
-    """All files of a package."""
-    files = {path for path in (ROOT / folder).rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    """All files of a package, but for the demo, which is data."""
+    others = {"__pycache__", "demo"}
+    files = {path for path in (ROOT / folder).rglob("*") if path.is_file() and not others & {*path.parts}}
     return {path.relative_to(ROOT).as_posix() for path in files}
 
 

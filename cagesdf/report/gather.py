@@ -21,7 +21,8 @@ from cagesdf.meshes import join
 from cagesdf.rendering import CLAY, PART_COLOURS, Scene
 from cagesdf.report.figures import in_order
 from cagesdf.report.generation import failures, opened, strip
-from cagesdf.report.page import Category, Grid
+from cagesdf.report.grid import Grid
+from cagesdf.report.page import Category
 from cagesdf.report.selection import spread
 from cagesdf.shape import Shape
 from cagesdf.structure.assembly import Assembly

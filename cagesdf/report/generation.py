@@ -11,7 +11,7 @@ from cagesdf.io.shapes import ShapeFolder
 from cagesdf.meshes import join
 from cagesdf.rendering import CLAY, Scene
 from cagesdf.report.figures import in_order
-from cagesdf.report.page import Grid
+from cagesdf.report.grid import Grid
 from cagesdf.report.selection import spread
 
 

@@ -1,4 +1,4 @@
-"""One HTML page with everything in it: style, tables, curves and pictures. It asks for no other file."""
+"""One HTML page with style, tables, curves and pictures in it. Pictures lead to views in 3-D, files of their own."""
 
 import base64
 import io
@@ -10,19 +10,13 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image as Pillow
 
-from cagesdf.rendering import Image, Scene, render_rows
+from cagesdf.rendering import Image, render_rows
 from cagesdf.report import figures, table3
 from cagesdf.report.chart import Curve, log_chart
+from cagesdf.report.grid import Grid
+from cagesdf.report.views import write_views
 
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Pictures in rows and columns that share one camera and scale."""
-
-    columns: tuple[str, ...]  # headings
-    held_out: tuple[bool, ...]  # one a column: shown as kept from training
-    names: tuple[str, ...]  # one a row
-    scenes: tuple[tuple[Scene | None, ...], ...]  # by rows; None where there is nothing to show
+GRIDS = ("fitting", "comparison", "sequence", "swaps", "generated", "failures")  # of `Category`, as they are shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,24 +40,17 @@ class Category:
 def write_page(
     path: Path, tables: Mapping[str, Any], categories: Sequence[Category], size: int, processes: int
 ) -> None:
-    """Write the page for the tables of `evaluation.tables` and these categories.
+    """Write the page for the tables of `evaluation.tables` and these categories, and `views/` beside it.
 
     Pictures are `size` pixels square, drawn by as many `processes`. A missing category or arm leaves its place out.
     """
-    grids = [
-        grid
-        for category in categories
-        for grid in (
-            category.fitting,
-            category.comparison,
-            category.sequence,
-            category.swaps,
-            category.generated,
-            category.failures,
-        )
-    ]
+    named = [(f"{category.name}-{kind}", getattr(category, kind)) for category in categories for kind in GRIDS]
+    grids = [grid for _, grid in named]
     pictures, drawn_by = _draw(grids, size, processes)
-    filled = iter([_filled(grid, images) for grid, images in zip(grids, pictures)])
+    views = path.parent / "views"
+    views.mkdir()
+    addresses = write_views(views, named)
+    filled = iter([_filled(*each) for each in zip(grids, pictures, addresses)])
     names = [category.name for category in categories]
     environment = Environment(
         loader=PackageLoader("cagesdf.report", "."),
@@ -90,12 +77,7 @@ def write_page(
             {
                 "category": category,
                 "tables": [_details(tables[key], category.name) for key in ("table1", "table2")],
-                "fitting": next(filled),
-                "comparison": next(filled),
-                "sequence": next(filled),
-                "swaps": next(filled),
-                "generated": next(filled),
-                "failures": next(filled),
+                **{kind: next(filled) for kind in GRIDS},
                 "edits": _edits(tables["edits"]["categories"].get(category.name, {})),
                 "chart": log_chart(
                     {arm: category.losses[arm] for arm in figures.in_order(category.losses)}, "loss by training step"
@@ -168,10 +150,10 @@ def _draw(grids: Sequence[Grid], size: int, processes: int) -> tuple[list[list[I
     return render_rows(scenes, size, processes)
 
 
-def _filled(grid: Grid, pictures: Sequence[Image]) -> dict[str, Any]:
-    """A grid with a picture's data URL, or None, in place of each scene."""
+def _filled(grid: Grid, pictures: Sequence[Image], addresses: Sequence[Sequence[str | None]]) -> dict[str, Any]:
+    """A grid with a picture's data URL and its view's address, or None, in place of each scene."""
     urls = iter([_data_url(picture) for picture in pictures])
-    cells = [[next(urls) if scene is not None else None for scene in row] for row in grid.scenes]
+    cells = [[address and (next(urls), address) for address in row] for row in addresses]
     return {"columns": list(zip(grid.columns, grid.held_out)), "rows": list(zip(grid.names, cells))}
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.meshes import Mesh, compact
-from cagesdf.rendering import CLAY, EDGES, PART_COLOURS
+from cagesdf.rendering import CLAY, EDGES, PART_COLOURS, rgb
 from cagesdf.structure.base import Structure
 
 Colour = tuple[int, int, int]
@@ -23,12 +23,6 @@ BESIDE = 1.6  # canonical: from the surface to the true one beside it
 
 Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # phase, centre, axes by rows
 Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), how far outwards
-
-
-def rgb(colour: str) -> Colour:
-    """#rrggbb as numbers."""
-    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
-    return red, green, blue
 
 
 def part_colours(structure: Structure) -> list[Colour]:

@@ -1,0 +1,88 @@
+"""A browser for the tests, and an editor for it to open.
+
+Chromium is Debian's (`apt-get install chromium`), or the one that CAGESDF_CHROMIUM names. Where there is none the tests
+try to install it, and are skipped, with the reason, only where that can't be done; in CI they fail instead.
+Screenshots are kept in CAGESDF_SCREENSHOTS, or in pytest's temporary folder.
+"""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import torch
+from playwright.sync_api import Browser, sync_playwright
+
+from browser.page import EditorPage
+from cagesdf.cli.viewing import DEMO
+from cagesdf.viewing.opening import opened
+from cagesdf.viewing.server import Editor, serving
+
+FLAGS = (
+    "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
+    "--disable-quic", "--disable-extensions",
+)  # fmt: skip
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+SIZE = {"width": 1600, "height": 1000}
+
+
+def chromium() -> str:
+    """Where it is; installed if it can be."""
+    for name in (os.environ.get("CAGESDF_CHROMIUM"), *NAMES):
+        if name and (found := shutil.which(name)):
+            return found
+    said = "there is no apt-get"
+    if shutil.which("apt-get"):
+        done = subprocess.run(
+            ["apt-get", "install", "-y", "-qq", "chromium"], capture_output=True, text=True, check=False
+        )
+        said = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "apt-get says nothing"
+        if found := shutil.which("chromium"):
+            return found
+    reason = f"no Chromium, and it can't be installed: {said}"
+    if os.environ.get("CI"):
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    path = chromium()
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=path, headless=True, args=list(FLAGS))
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="session")
+def editor() -> Iterator[Editor]:
+    """The demo, at an address of its own."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    with serving(opened(DEMO / "run", None, DEMO / "programs", None), "127.0.0.1", 18_080, 2) as running:
+        yield running
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="session")
+def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = os.environ.get("CAGESDF_SCREENSHOTS")
+    return Path(folder) if folder else tmp_path_factory.mktemp("screenshots")
+
+
+@pytest.fixture
+def visit(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
+    """Opens the editor in a new tab, once more with each call. At the end no page may have complained."""
+    pages: list[EditorPage] = []
+
+    def come() -> EditorPage:
+        pages.append(EditorPage(browser.new_page(viewport=SIZE, accept_downloads=True), editor.address, screenshots))
+        return pages[-1]
+
+    yield come
+    for page in pages:
+        page.close()
+    assert [text for page in pages for text in page.errors] == []

@@ -1,0 +1,179 @@
+"""The editor's page as a visitor sees it: what is read, typed, clicked and dragged there."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import ConsoleMessage, Locator, Page
+
+from cagesdf.cuboid import Cage
+
+PATIENCE = 90.0  # seconds; only what is broken takes them
+SETTLED = "128 cells"
+
+
+class EditorPage:
+    """One tab."""
+
+    def __init__(self, page: Page, address: str, screenshots: Path) -> None:
+        self.page, self._screenshots = page, screenshots
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        page.on("console", self._heard)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.goto(address, wait_until="commit")
+        self.settled()
+
+    def close(self) -> None:
+        self.page.close()
+
+    def _heard(self, message: ConsoleMessage) -> None:
+        if message.type == "error":
+            self.errors.append(message.text)
+
+    # What is read
+
+    def control(self, label: str, kind: str = "input, textarea") -> Locator:
+        """The input beside a label."""
+        row = self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input or .//textarea][1]")
+        return row.locator(kind)
+
+    def value(self, label: str) -> str:
+        return self.control(label).first.input_value()
+
+    def numbers(self, label: str) -> np.ndarray:
+        """Of a control with several boxes."""
+        return np.array([float(box.input_value()) for box in self.control(label, "input").all()])
+
+    @property
+    def surface(self) -> str:
+        return self.value("Surface")
+
+    @property
+    def status(self) -> str:
+        return self.value("Status")
+
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait for something to be so."""
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() > end:
+                self.picture("failed")
+                raise AssertionError(f"{what}: not so after {PATIENCE:.0f} s; status {self.status!r}, {self.surface!r}")
+            self.page.wait_for_timeout(100)
+
+    def settled(self, after: str | None = None) -> str:
+        """The fine surface; with `after` another one than that."""
+        found = ""
+
+        def there() -> bool:
+            nonlocal found
+            found = self.surface if self.page.get_by_text("Surface", exact=True).count() else ""
+            return found.startswith(SETTLED) and found != after
+
+        self.until(there, "a fine surface")
+        return found
+
+    # What is done
+
+    def tab(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name).click()
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def choose(self, label: str, option: str) -> None:
+        """An entry of a drop-down list."""
+        self.control(label).first.click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+
+    def slide(self, label: str, value: float) -> None:
+        """A slider, by the number box beside it."""
+        box = self.control(label, "input").last
+        box.fill(str(value))
+        box.press("Enter")
+
+    def set_number(self, label: str, which: int, value: float) -> None:
+        box = self.control(label, "input").nth(which)
+        box.fill(str(value))
+        box.press("Enter")
+
+    def select(self, part: str) -> None:
+        self.choose("Part", part)
+        self.until(lambda: self.value("Part") == part, f"{part} selected")
+
+    def drag(self, start: tuple[float, float], way: tuple[float, float], steps: int = 8) -> None:
+        """With the mouse, slowly, as hands do."""
+        mouse = self.page.mouse
+        mouse.move(*start)
+        self.page.wait_for_timeout(300)
+        mouse.down()
+        for i in range(1, steps + 1):
+            mouse.move(start[0] + way[0] * i / steps, start[1] + way[1] * i / steps)
+            self.page.wait_for_timeout(120)
+        mouse.up()
+
+    def download(self, button: str, folder: Path) -> Path:
+        """What a button gives to save."""
+        with self.page.expect_download() as download:
+            self.press(button)
+        path = folder / download.value.suggested_filename
+        download.value.save_as(path)
+        return path
+
+    def upload(self, button: str, name: str, content: bytes) -> None:
+        with self.page.expect_file_chooser() as chooser:
+            self.press(button)
+        chooser.value.set_files({"name": name, "mimeType": "text/plain", "buffer": content})
+
+    def script(self, folder: Path) -> list[dict]:
+        """What was done so far."""
+        self.tab("File")
+        return json.loads(self.download("Save script", folder).read_text())
+
+    def picture(self, name: str) -> Path:
+        path = self._screenshots / f"{name}.png"
+        self.page.screenshot(path=path)
+        return path
+
+    # Where things are
+
+    def pixel(self, point: np.ndarray, camera: "Camera") -> tuple[float, float]:
+        """Where a point of the scene is seen."""
+        box = self.page.locator("canvas").first.bounding_box()
+        assert box is not None
+        x, y = camera.project(point, box["width"] / box["height"])
+        return box["x"] + (1 + x) / 2 * box["width"], box["y"] + (1 - y) / 2 * box["height"]
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole."""
+
+    position: np.ndarray  # (3,)
+    look_at: np.ndarray  # (3,)
+    fov: float  # vertical, radians
+
+    def frame(self) -> np.ndarray:
+        """Right, up and forward, by rows."""
+        forward = self.look_at - self.position
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(right, forward), forward])
+
+    def project(self, point: np.ndarray, aspect: float) -> tuple[float, float]:
+        """In [-1, 1] over the canvas, up being positive."""
+        x, y, depth = self.frame() @ (point - self.position)
+        scale = np.tan(self.fov / 2) * depth
+        return float(x / (scale * aspect)), float(y / scale)
+
+    def first_hit(self, cage: Cage, point: np.ndarray) -> str:
+        """The cuboid that is met first on the way to a point of one of them."""
+        steps = np.linspace(0, 1.5, 30_001)[:, None] * (point - self.position) + self.position
+        inside = cage.signed_distance(steps) <= 0
+        return cage.part_ids[int(inside[inside.any(axis=1)][0].argmax())]

@@ -1,0 +1,220 @@
+"""The editor in a real browser: what a visitor does, and what comes of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+import trimesh
+
+from browser.page import Camera, EditorPage
+from cagesdf.cli.surfaces import edit
+from cagesdf.cli.viewing import DEMO
+from cagesdf.cuboid import Cage
+from cagesdf.editing.links import mirrors
+from cagesdf.editing.parts import part_names
+from cagesdf.editing.session import Session
+from cagesdf.editing.state import State
+from cagesdf.io.runs import read_run
+from cagesdf.viewing.scene import GIZMO_SIZE, HANDLE_RADIUS
+from cagesdf.viewing.server import Editor
+
+pytestmark = pytest.mark.slow
+Visit = Callable[[], EditorPage]
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session(read_run(DEMO / "run"))
+
+
+@pytest.fixture(scope="module")
+def mirrored(session: Session) -> tuple[str, str, str]:
+    """A shape, and two of its parts, by name, that mirror each other."""
+    for shape_id in sorted(session.run.sequences):
+        state = session.opened(shape_id)
+        names = part_names(state.structure)
+        for part, others in mirrors(state).items():
+            for other in others:
+                return shape_id, names[part], names[other]
+    raise AssertionError("the demo has no mirrored parts")
+
+
+def state_of(session: Session, page: EditorPage) -> State:
+    return session.opened(page.value("Shape"))
+
+
+def camera_of(editor: Editor) -> Camera:
+    """Of the page that came last."""
+    client = editor.server.get_clients()[max(editor.server.get_clients())]
+    return Camera(np.array(client.camera.position), np.array(client.camera.look_at), client.camera.fov)
+
+
+def by_name(state: State, name: str) -> str:
+    return next(part for part, own in part_names(state.structure).items() if own == name)
+
+
+def test_it_loads_without_errors_or_requests_to_others(visit: Visit, editor: Editor) -> None:
+    page = visit()
+    hosts = {urlsplit(url).netloc for url in page.requests if urlsplit(url).scheme in ("http", "https", "ws")}
+    assert hosts == {urlsplit(editor.address).netloc}
+    assert "128 cells" in page.status
+    page.picture("opened")
+
+
+def test_a_click_selects_the_cuboid_under_it(visit: Visit, editor: Editor, session: Session) -> None:
+    page = visit()
+    state, camera = state_of(session, page), camera_of(editor)
+    point = state.cage.centre[int(state.cage.size.prod(axis=1).argmax())]
+    name = part_names(state.structure)[camera.first_hit(state.cage, point)]
+    page.page.mouse.click(*page.pixel(point, camera))
+    page.until(lambda: page.value("Part") == name, f"{name} selected")
+    assert page.status == f"selected: {name}"
+    np.testing.assert_allclose(
+        page.numbers("Centre"), state.similarity.to_raw(state.cage[by_name(state, name)].centre[None])[0], atol=1e-3
+    )
+
+
+def test_dragging_an_arrow_moves_the_cuboid_and_undo_brings_the_very_same_surface_back(
+    visit: Visit, editor: Editor, session: Session, tmp_path: Path
+) -> None:
+    page = visit()
+    state, camera = state_of(session, page), camera_of(editor)
+    part = state.cage.part_ids[int(state.cage.centre[:, 1].argmax())]
+    name = part_names(state.structure)[part]
+    before, cuboid = page.settled(), state.cage[part]
+    page.select(name)
+    start = page.numbers("Centre")
+    page.page.wait_for_timeout(500)
+    up = int(np.abs(cuboid.axes[:, 1]).argmax())
+    grip = cuboid.centre + 0.85 * GIZMO_SIZE * cuboid.axes[up]
+    tip = cuboid.centre + 2.0 * GIZMO_SIZE * cuboid.axes[up]
+    at, to = page.pixel(grip, camera), page.pixel(tip, camera)
+    way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 60
+    page.drag(at, (float(way[0]), float(way[1])))
+    after = page.settled(before)
+    page.picture("moved")
+    assert np.abs(page.numbers("Centre") - start).max() > 0.01
+    assert [operation["op"] for operation in page.script(tmp_path)] == ["move"]
+    page.press("Undo")
+    page.until(lambda: page.surface == before, "the surface of before")
+    page.press("Redo")
+    page.until(lambda: page.surface == after, "the surface of after")
+
+
+def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
+    visit: Visit, editor: Editor, session: Session, mirrored: tuple[str, str, str]
+) -> None:
+    page = visit()
+    shape_id, name, other = mirrored
+    if page.value("Shape") != shape_id:
+        before = page.settled()
+        page.choose("Shape", shape_id)
+        page.settled(before)
+    state, camera = state_of(session, page), camera_of(editor)
+    before = page.settled()
+    page.select(other)
+    partner = page.numbers("Lengths")
+    page.select(name)
+    lengths = page.numbers("Lengths")
+    page.page.wait_for_timeout(500)
+    cuboid = state.cage[by_name(state, name)]
+    axis, side = _nearest_face(state.cage, by_name(state, name), camera)
+    reach = side * (cuboid.size[axis] / 2 + HANDLE_RADIUS) * cuboid.axes[axis]
+    at, to = page.pixel(cuboid.centre + reach, camera), page.pixel(cuboid.centre + 1.5 * reach, camera)
+    way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 40
+    page.drag(at, (float(way[0]), float(way[1])))
+    page.settled(before)
+    page.picture("resized")
+    changed = page.numbers("Lengths")
+    assert np.sort(changed / lengths)[-1] > 1.02
+    page.select(other)
+    np.testing.assert_allclose(np.sort(page.numbers("Lengths") / partner), np.sort(changed / lengths), rtol=0.02)
+
+
+def _nearest_face(cage: Cage, part: str, camera: Camera) -> tuple[int, int]:
+    """An axis and a side of a cuboid whose handle no other cuboid hides; the longest way across the picture first."""
+    cuboid = cage[part]
+    faces = []
+    for axis in range(3):
+        for side in (-1, 1):
+            handle = cuboid.centre + side * (cuboid.size[axis] / 2 + HANDLE_RADIUS) * cuboid.axes[axis]
+            steps = np.linspace(0, 0.98, 2000)[:, None] * (handle - camera.position) + camera.position
+            if not (cage.signed_distance(steps) <= 0).any():
+                across = np.linalg.norm((camera.frame() @ (side * cuboid.axes[axis]))[:2])
+                faces.append((across, axis, side))
+    assert faces, "all handles are hidden"
+    return max(faces)[1:]
+
+
+def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session: Session, tmp_path: Path) -> None:
+    page = visit()
+    before = page.settled()
+    name = next(iter(part_names(state_of(session, page).structure).values()))
+    page.select(name)
+    centre, lengths = page.numbers("Centre"), page.numbers("Lengths")
+    page.tab("Style")
+    page.slide("Direction 1", 2.0)
+    page.settled(before)
+    page.picture("style")
+    page.tab("Cuboids")
+    np.testing.assert_array_equal(page.numbers("Centre"), centre)
+    np.testing.assert_array_equal(page.numbers("Lengths"), lengths)
+    assert [operation["op"] for operation in page.script(tmp_path)] == ["style"]
+
+
+def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_the_same(
+    visit: Visit, session: Session, tmp_path: Path
+) -> None:
+    page = visit()
+    opened = page.settled()
+    name = next(iter(part_names(state_of(session, page).structure).values()))
+    page.select(name)
+    page.set_number("Lengths", 0, float(page.numbers("Lengths")[0] * 1.2))
+    first = page.settled(opened)
+    page.tab("Style")
+    page.choose("Style of", sorted(session.styles)[-1])
+    after = page.settled(first)
+    page.tab("File")
+    page.choose("Format", "ply")
+    mesh = page.download("Export", tmp_path)
+    script = page.download("Save script", tmp_path)
+    assert trimesh.load(mesh).is_watertight
+    edit(DEMO / "run", page.value("Shape"), script, tmp_path / "command.ply")
+    assert (tmp_path / "command.ply").read_bytes() == mesh.read_bytes()
+    other = visit()
+    other.tab("File")
+    other.upload("Load script", "script.json", script.read_bytes())
+    other.until(lambda: other.surface == after, "the surface of the script")
+
+
+def test_a_new_shape_comes_with_a_thumbnail_and_can_be_taken_up_again(visit: Visit) -> None:
+    page = visit()
+    before = page.settled()
+    page.tab("New")
+    page.press("New shape")
+    first = page.settled(before)
+    page.until(lambda: page.page.get_by_role("button", name="Take shape 1").count() == 1, "a thumbnail")
+    page.picture("generated")
+    page.press("Reset")
+    page.until(lambda: page.surface == before, "the surface at first")
+    page.press("Take shape 1")
+    page.until(lambda: page.surface == first, "the new shape")
+
+
+def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit, editor: Editor) -> None:
+    one, other = visit(), visit()
+    surface = other.settled()
+    one.tab("File")
+    one.upload("Load script", "bad.json", b'[{"op": "move", "part": "wing", "by": [0, 0, 0]}]')
+    one.until(lambda: "no part is called" in one.status, "what is wrong with the script")
+    one.upload("Load program", "bad.txt", b"import os")
+    one.until(lambda: "no part is called" not in one.status and "cells" not in one.status, "what is wrong with it")
+    assert one.surface == other.surface == surface
+    before = editor.tabs
+    one.close()
+    other.until(lambda: editor.tabs == before - 1, "the closed tab freed")
+    other.tab("Style")
+    other.press("Surprise me")
+    other.settled(surface)
