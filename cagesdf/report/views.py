@@ -14,13 +14,13 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cage
 from cagesdf.meshes import Mesh, is_closed
-from cagesdf.rendering import CAMERA, EDGES, Scene, rgb
+from cagesdf.rendering import EDGES, Scene, rgb
 from cagesdf.report.grid import Grid
 from cagesdf.solid import CUBE_FACES, as_manifold, from_manifold
 
-APART = 2.2  # canonical: between the middles of neighbours
+APART = (2.4, 3.6)  # canonical: between the middles of columns, and of rows
 TOLERANCE = 2e-3  # canonical: views' surfaces are simplified by this at most
-DISTANCE = 3.2  # canonical: from the camera to what a picture shows
+FROM = np.array([0.75, 0.9, 2.9])  # canonical: from what a picture shows to the camera
 BOX_OPACITY = 0.18
 SUFFIX = ".html"
 
@@ -55,7 +55,7 @@ def _view(server: viser.ViserServer, folder: Path, name: str, grid: Grid) -> lis
 
 def _place(row: int, column: int) -> Float[ndarray, " 3"]:
     """Columns go to the right, rows away from the viewer."""
-    return np.array([APART * column, 0.0, -APART * row])
+    return np.array([APART[0] * column, 0.0, -APART[1] * row])
 
 
 def _label(row: int, column: int) -> tuple[float, float, float]:
@@ -64,7 +64,7 @@ def _label(row: int, column: int) -> tuple[float, float, float]:
 
 
 def _address(folder: str, name: str, place: Float[ndarray, " 3"]) -> str:
-    numbers = {"initialCameraPosition": place + DISTANCE * CAMERA[2], "initialCameraLookAt": place}
+    numbers = {"initialCameraPosition": place + FROM, "initialCameraLookAt": place}
     query = urlencode({key: ",".join(f"{x:.3f}" for x in value) for key, value in numbers.items()}, safe=",")
     return f"{folder}/{name}{SUFFIX}?{query}"
 

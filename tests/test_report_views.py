@@ -1,0 +1,45 @@
+"""Views in 3-D: a file a grid that needs no other, the same for the same scenes; a picture leads to its own place."""
+
+import re
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+import toy
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.rendering import Scene
+from cagesdf.report.grid import Grid
+from cagesdf.report.views import write_views
+
+
+def grid() -> Grid:
+    cage = Cage.of({"a": Cuboid(np.zeros(3), np.eye(3), np.ones(3))})
+    ball = Scene((toy.ball((0.0, 0.0, 0.0), 0.5),), ("#d8c3ab",), cage, ("#4c78a8",))
+    return Grid(
+        ("one", "two"),
+        (False, True),
+        ("first", "second"),
+        ((ball, None), (Scene(cage=cage, cage_colours=("#112233",)), ball)),
+    )
+
+
+def test_every_scene_has_its_place_in_a_file_that_is_there(tmp_path: Path) -> None:
+    (tmp_path / "views").mkdir()
+    [addresses] = write_views(tmp_path / "views", [("balls", grid())])
+    assert [[address is not None for address in row] for row in addresses] == [[True, False], [True, True]]
+    found = [urlsplit(address) for row in addresses for address in row if address]
+    assert {url.path for url in found} == {"views/balls.html"}
+    assert (tmp_path / found[0].path).is_file()
+    places = [tuple(map(float, parse_qs(url.query)["initialCameraLookAt"][0].split(","))) for url in found]
+    assert len(set(places)) == len(found)
+
+
+def test_equal_scenes_give_equal_bytes_and_files_ask_for_no_other(tmp_path: Path) -> None:
+    texts = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_views(tmp_path / name, [("balls", grid())])
+        texts.append((tmp_path / name / "balls.html").read_text(encoding="utf-8"))
+    assert texts[0] == texts[1]
+    assert not re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="https?://', texts[0])
