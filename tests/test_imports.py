@@ -39,6 +39,7 @@ ALLOWED = {
     "inference": RECORDS | SOLIDS | {"fitting", "sampling", "io", "models", "training", "extraction", "evaluation"},
     "generating": RECORDS | {"generation", "stability", "io", "extraction"},
     "rendering": RECORDS | SOLIDS,
+    "demo": set(),
     "viewing": RECORDS | {"editing", "generation", "generating", "io", "extraction", "rendering"},
     "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
 }

@@ -18,7 +18,8 @@ Colour = tuple[int, int, int]
 
 SELECTED: Colour = (232, 96, 28)
 BOX_OPACITY, SELECTED_OPACITY = 0.13, 0.34
-EDGE_WIDTH, GIZMO_SIZE, HANDLE_RADIUS = 1.5, 0.32, 0.022  # pixels, canonical, canonical
+EDGE_WIDTH = 1.5  # pixels
+GIZMO_SIZE, HANDLE_RADIUS, CLEAR = 0.24, 0.024, 0.3  # canonical; handles are CLEAR from the gizmo's middle at least
 BESIDE = 1.6  # canonical: from the surface to the true one beside it
 
 Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # phase, centre, axes by rows
@@ -42,6 +43,11 @@ def axes_of(wxyz: Float[ndarray, " 4"]) -> Float[ndarray, "3 3"]:
     return Rotation.from_quat(np.roll(wxyz, -1)).as_matrix().T
 
 
+def handle_place(cuboid: Cuboid, axis: int, side: int) -> Float[ndarray, " 3"]:
+    """Where the handle of a face is: on it, or as far out as the gizmo needs."""
+    return cuboid.centre + side * max(cuboid.size[axis] / 2 + HANDLE_RADIUS, CLEAR) * cuboid.axes[axis]
+
+
 class Stage:
     """The 3-D scene of one client. Frame: canonical, y up."""
 
@@ -50,6 +56,7 @@ class Stage:
         self._client, self._scene = client, client.scene
         self._pick, self._move, self._pull = pick, move, pull
         self._boxes: dict[str, Any] = {}
+        self._listening: set[str] = set()  # parts whose boxes can be clicked
         self._pieces: list[Any] = []
         self._handles: dict[tuple[int, int], Any] = {}
         self._gizmo: Any = None
@@ -97,13 +104,22 @@ class Stage:
                 box.color = SELECTED if chosen else colours[part]
                 box.opacity = SELECTED_OPACITY if chosen else BOX_OPACITY
                 box.visible = shown
+                self._listen(part, box, not chosen)
             self._show_edges(cage, [SELECTED if part in selected else colours[part] for part in cage.part_ids], shown)
 
     def _box(self, number: int, part: str, cuboid: Cuboid) -> Any:
-        box = self._scene.add_box(f"/cuboids/{number}", dimensions=tuple(cuboid.size), cast_shadow=False)
-        box.on_click(lambda _: self._pick(part, False))
-        box.on_click(modifier="shift")(lambda _: self._pick(part, True))
-        return box
+        self._listening.discard(part)
+        return self._scene.add_box(f"/cuboids/{number}", dimensions=tuple(cuboid.size), cast_shadow=False)
+
+    def _listen(self, part: str, box: Any, wanted: bool) -> None:
+        """Let a cuboid be clicked, or not: one that is would keep the mouse from the gizmo inside it."""
+        if wanted and part not in self._listening:
+            box.on_click(lambda _: self._pick(part, False))
+            box.on_click(modifier="shift")(lambda _: self._pick(part, True))
+            self._listening.add(part)
+        elif not wanted and part in self._listening:
+            box.remove_click_callback()
+            self._listening.remove(part)
 
     def _show_edges(self, cage: Cage, colours: Sequence[Colour], shown: bool) -> None:
         lines = cage.corners()[:, EDGES].reshape(-1, 2, 3)
@@ -146,8 +162,7 @@ class Stage:
                 for side in (-1, 1):
                     if (axis, side) not in self._handles:
                         self._handles[axis, side] = self._handle(axis, side)
-                    way = side * (cuboid.size[axis] / 2 + HANDLE_RADIUS) * cuboid.axes[axis]
-                    self._handles[axis, side].position = cuboid.centre + way
+                    self._handles[axis, side].position = handle_place(cuboid, axis, side)
         self._handled = cuboid
 
     def _handle(self, axis: int, side: int) -> Any:

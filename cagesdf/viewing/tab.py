@@ -5,7 +5,6 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import viser
@@ -35,11 +34,7 @@ AXES: tuple[Axis, ...] = ("x", "y", "z")
 PICTURE = 220  # pixels along a side of a thumbnail
 
 
-class Truths(Protocol):
-    """True surfaces by shape id."""
-
-    def __call__(self, shape_id: str) -> Mesh | None:
-        """The parts of a shape, canonical, as one mesh; None where it isn't known."""
+Truths = Callable[[str], Mesh | None]  # the parts of a shape, canonical, as one mesh; None where it isn't known
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,16 +142,18 @@ class Tab:
         def act() -> None:
             rest = tuple(other for other in self._selected if other != part)
             chosen = rest if more and part in self._selected else (*rest, part) if more else (part,)
-            self._selected = chosen
-            self._redraw()
-            self._say(f"selected: {label_of(part_names(self._document.state.structure), chosen)}")
+            self._select(chosen)
 
         self._guarded(act)
 
     def _choose(self, name: str) -> None:
         parts = {own: part for part, own in part_names(self._document.state.structure).items()}
-        self._selected = (parts[name],) if name != NOTHING else ()
+        self._select((parts[name],) if name != NOTHING else ())
+
+    def _select(self, parts: tuple[str, ...]) -> None:
+        self._selected = parts
         self._redraw()
+        self._say(f"selected: {label_of(part_names(self._document.state.structure), parts)}")
 
     @property
     def _pattern(self) -> str:

@@ -13,6 +13,7 @@ from cagesdf.cuboid import Cage
 
 PATIENCE = 90.0  # seconds; only what is broken takes them
 SETTLED = "128 cells"
+NOISE = "Unable to preventDefault inside passive event listener"  # viser's own, as nodes are dragged
 
 
 class EditorPage:
@@ -32,7 +33,7 @@ class EditorPage:
         self.page.close()
 
     def _heard(self, message: ConsoleMessage) -> None:
-        if message.type == "error":
+        if message.type == "error" and NOISE not in message.text:
             self.errors.append(message.text)
 
     # What is read
@@ -104,17 +105,20 @@ class EditorPage:
 
     def select(self, part: str) -> None:
         self.choose("Part", part)
-        self.until(lambda: self.value("Part") == part, f"{part} selected")
+        self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
     def drag(self, start: tuple[float, float], way: tuple[float, float], steps: int = 8) -> None:
-        """With the mouse, slowly, as hands do."""
+        """With the mouse, slowly, as hands do: a frame takes a while without a graphics card."""
         mouse = self.page.mouse
+        mouse.move(start[0] - 2, start[1] - 2)
+        self.page.wait_for_timeout(400)
         mouse.move(*start)
-        self.page.wait_for_timeout(300)
+        self.page.wait_for_timeout(800)
         mouse.down()
+        self.page.wait_for_timeout(300)
         for i in range(1, steps + 1):
             mouse.move(start[0] + way[0] * i / steps, start[1] + way[1] * i / steps)
-            self.page.wait_for_timeout(120)
+            self.page.wait_for_timeout(250)
         mouse.up()
 
     def download(self, button: str, folder: Path) -> Path:

@@ -17,7 +17,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.io.runs import read_run
-from cagesdf.viewing.scene import GIZMO_SIZE, HANDLE_RADIUS
+from cagesdf.viewing.scene import GIZMO_SIZE, handle_place
 from cagesdf.viewing.server import Editor
 
 pytestmark = pytest.mark.slow
@@ -88,7 +88,7 @@ def test_dragging_an_arrow_moves_the_cuboid_and_undo_brings_the_very_same_surfac
     start = page.numbers("Centre")
     page.page.wait_for_timeout(500)
     up = int(np.abs(cuboid.axes[:, 1]).argmax())
-    grip = cuboid.centre + 0.85 * GIZMO_SIZE * cuboid.axes[up]
+    grip = cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up]
     tip = cuboid.centre + 2.0 * GIZMO_SIZE * cuboid.axes[up]
     at, to = page.pixel(grip, camera), page.pixel(tip, camera)
     way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 60
@@ -121,8 +121,8 @@ def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
     page.page.wait_for_timeout(500)
     cuboid = state.cage[by_name(state, name)]
     axis, side = _nearest_face(state.cage, by_name(state, name), camera)
-    reach = side * (cuboid.size[axis] / 2 + HANDLE_RADIUS) * cuboid.axes[axis]
-    at, to = page.pixel(cuboid.centre + reach, camera), page.pixel(cuboid.centre + 1.5 * reach, camera)
+    ball = handle_place(cuboid, axis, side)
+    at, to = page.pixel(ball, camera), page.pixel(1.5 * ball - 0.5 * cuboid.centre, camera)
     way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 40
     page.drag(at, (float(way[0]), float(way[1])))
     page.settled(before)
@@ -139,7 +139,7 @@ def _nearest_face(cage: Cage, part: str, camera: Camera) -> tuple[int, int]:
     faces = []
     for axis in range(3):
         for side in (-1, 1):
-            handle = cuboid.centre + side * (cuboid.size[axis] / 2 + HANDLE_RADIUS) * cuboid.axes[axis]
+            handle = handle_place(cuboid, axis, side)
             steps = np.linspace(0, 0.98, 2000)[:, None] * (handle - camera.position) + camera.position
             if not (cage.signed_distance(steps) <= 0).any():
                 across = np.linalg.norm((camera.frame() @ (side * cuboid.axes[axis]))[:2])
