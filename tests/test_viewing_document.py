@@ -6,9 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from untrained import untrained
 
+from cagesdf.cli.viewing import DEMO
 from cagesdf.editing.script import MAX_OPERATIONS, Move, Redo, Resize, Style, Swap, Undo, dump, parse
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
+from cagesdf.meshes import is_closed
+from cagesdf.viewing import opening
 from cagesdf.viewing.document import Document
 
 MOVES = (
@@ -83,3 +86,10 @@ def test_a_script_ends_where_files_end(session: Session) -> None:
     full = Document("a", (Undo(),) * MAX_OPERATIONS, opened(session).history, None)
     with pytest.raises(InputError, match="save it and reset"):
         full.then(MOVES[0], session.styles)
+
+
+def test_the_demo_opens_and_gives_a_closed_surface_and_is_small() -> None:
+    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None)
+    assert is_closed(opened.session.live(48).surface(opened.session.opened(opened.first)).mesh)
+    assert opened.generator is not None
+    assert sum(path.stat().st_size for path in DEMO.rglob("*") if "__pycache__" not in path.parts) <= 3_000_000

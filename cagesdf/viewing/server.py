@@ -13,6 +13,14 @@ from cagesdf.viewing.tab import Opened, Tab
 CAMERA = ((1.25, 0.75, 2.05), (0.0, 0.0, 0.0))  # from where, to where; canonical
 
 
+class Server(viser.ViserServer):
+    """viser's, which a page can't ask to make it public through a stranger's server."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """There is none."""
+        return None
+
+
 class Editor:
     """A server with one tab a client; what a tab holds is freed when its page is closed."""
 
@@ -22,7 +30,7 @@ class Editor:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="network")
         self._tabs: dict[int, Tab] = {}
         self._lock = threading.Lock()
-        self.server = viser.ViserServer(host, port, label="cagesdf", verbose=False)
+        self.server = Server(host, port, label="cagesdf", verbose=False)
         self.server.scene.set_up_direction("+y")
         self.server.initial_camera.position, self.server.initial_camera.look_at = CAMERA
         self.server.on_client_connect(self._come)
