@@ -150,7 +150,7 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
 
 def _arms(stage: dict[str, Any], run: dict[str, Any]) -> list[str]:
     """The arms that a stage of dvc.yaml is multiplied by; [""] where it isn't."""
-    matrix = stage["matrix"].get("arm")
+    matrix = stage.get("matrix", {}).get("arm")
     return run[matrix.removeprefix("${run.").removesuffix("}")] if matrix else [""]
 
 

@@ -57,7 +57,7 @@ def test_the_pipeline_runs_then_is_up_to_date_then_reruns_only_what_depends_on_a
     workspace.make_workspace(folder, {}, GRAPH)
     assert stages_run(repro(folder)) == {
         "train@chair-deepsdf", "extract_meshes@chair-deepsdf", "evaluate@chair", "evaluate_edits@chair",
-        "evaluate_progress@chair", "generate@chair-deepsdf", "report",
+        "evaluate_progress@chair", "generate@chair-deepsdf", "evaluate_generation@chair", "report",
     }  # fmt: skip
 
 

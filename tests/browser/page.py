@@ -65,7 +65,7 @@ class EditorPage:
             if time.monotonic() > end:
                 self.picture("failed")
                 raise AssertionError(f"{what}: not so after {PATIENCE:.0f} s; status {self.status!r}, {self.surface!r}")
-            self.page.wait_for_timeout(100)
+            self.page.wait_for_timeout(20)
 
     def settled(self, after: str | None = None) -> str:
         """The fine surface; with `after` another one than that."""

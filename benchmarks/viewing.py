@@ -1,0 +1,93 @@
+"""How long a drag takes until the surface follows, through a browser: the table of docs/editor.md.
+
+    python -m benchmarks.viewing [data/runs/chair/cagesdf] [--moves 60]
+
+drags cuboids of one shape by the gizmo: from each movement of the mouse until the page names the coarse surface, and
+until it names the fine one, the hand at rest. Without a run, the demo's. The browser draws without a graphics card
+here, on the same cores: with one it is faster.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from playwright.sync_api import sync_playwright
+
+from cagesdf.cli.viewing import DEMO
+from cagesdf.cuboid import Cage
+from cagesdf.editing.parts import part_names
+from cagesdf.viewing.opening import opened
+from cagesdf.viewing.scene import GIZMO_SIZE
+from cagesdf.viewing.server import serving
+from cagesdf.viewing.worker import COARSE, FINE
+
+sys.path.append(str(Path(__file__).parent.parent / "tests"))
+from browser.conftest import FLAGS, chromium
+from browser.page import Camera, EditorPage
+
+STEPS = 10  # movements of one drag
+PIXELS = 6  # of one movement
+
+
+def drags(
+    page: EditorPage, camera: Camera, cage: Cage, parts: list[tuple[str, str]], moves: int
+) -> dict[int, list[float]]:
+    """Seconds by cells: of each movement until the surface follows, and of each release until the fine one is there."""
+    found: dict[int, list[float]] = {COARSE: [], FINE: []}
+    mouse = page.page.mouse
+    for part, name in parts * moves:
+        if len(found[COARSE]) >= moves:
+            break
+        page.settled()
+        page.select(name)
+        cuboid = cage[part]
+        up = int(np.abs(cuboid.axes[:, 1]).argmax())
+        x, y = page.pixel(cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up], camera)
+        mouse.move(x, y)
+        page.page.wait_for_timeout(800)
+        mouse.down()
+        page.page.wait_for_timeout(200)
+        for i in range(1, STEPS + 1):
+            page.settled()
+            start = time.perf_counter()
+            mouse.move(x, y - PIXELS * i)
+            page.until(lambda: page.surface.startswith(f"{COARSE} cells"), "a surface that follows")
+            found[COARSE].append(time.perf_counter() - start)
+            page.settled()
+            found[FINE].append(time.perf_counter() - start)
+        mouse.up()
+        page.page.wait_for_timeout(1000)
+        page.press("Reset")
+        page.page.wait_for_timeout(1500)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, nargs="?", default=DEMO / "run")
+    parser.add_argument("--moves", type=int, default=60)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    run = opened(arguments.run, None, None, None)
+    state = run.session.opened(run.first)
+    names = part_names(state.structure)
+    with serving(run, "127.0.0.1", 18_090, 2) as editor, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
+        with tempfile.TemporaryDirectory() as folder:
+            page = EditorPage(browser.new_page(viewport={"width": 1200, "height": 800}), editor.address, Path(folder))
+            client = next(iter(editor.server.get_clients().values())).camera
+            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov)
+            found = drags(page, camera, state.cage, [(part, names[part]) for part in names], arguments.moves)
+        browser.close()
+    print("| cells | n | p50 s | p95 s | largest s |\n|---|---|---|---|---|")
+    for cells, seconds in found.items():
+        p50, p95 = np.percentile(seconds, [50, 95])
+        print(f"| {cells} | {len(seconds)} | {p50:.3f} | {p95:.3f} | {max(seconds):.3f} |")
+
+
+if __name__ == "__main__":
+    main()
