@@ -25,6 +25,7 @@ from cagesdf.extraction import FIELDS, OUTSIDES, extract_surface
 from cagesdf.io.scores import read_scores
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
+from cagesdf.models.decoders import Decoder
 from pipeline import draw, item_rng, load, parallel_map
 from stages import evaluate, extract_meshes, train
 
@@ -33,17 +34,25 @@ METRICS = ("surface_distance", "surface_distance_detail", "nc_signed")
 TRIAL = 2000  # steps that are timed first
 
 
-class ExactDecoder(torch.nn.Module):
+class ExactDecoder(Decoder):
     """The true distance in place of a network."""
 
     def __init__(self, truth: Truth) -> None:
         super().__init__()
         self.truth = truth
 
-    def forward(self, points: Tensor, latent: Tensor, cuboid: Tensor) -> Tensor:
+    def features(self, points: Tensor, cuboid: Tensor) -> Tensor:
+        """The points themselves, canonical."""
+        return points
+
+    def condition(self, latent: Tensor, cuboid: Tensor) -> Tensor:
+        """Nothing."""
+        return latent
+
+    def at(self, features: Tensor, condition: Tensor, products: torch.dtype) -> Tensor:
         """Exact signed distances, canonical."""
-        distances = self.truth.distance.signed(points.reshape(-1, 3).double().numpy())
-        return torch.from_numpy(distances).float().view(points.shape[:-1])
+        distances = self.truth.distance.signed(features.reshape(-1, 3).double().numpy())
+        return torch.from_numpy(distances).float().view(features.shape[:-1])
 
 
 def steps_in(seconds: float, arm: str, category: str) -> int:
@@ -108,7 +117,7 @@ def main() -> None:
     parser.add_argument("--arm", default="cagesdf")
     parser.add_argument("--category", default="chair")
     options = parser.parse_args()
-    lines = [f"| training | steps | s | cells | {' | '.join(METRICS)} |", "|---|---|---|---|---|---|---|"]
+    print(f"| training | steps | s | cells | {' | '.join(METRICS)} |\n|---|---|---|---|---|---|---|", flush=True)
     steps = steps_in(options.seconds, options.arm, options.category)
     for seed in options.seeds:
         with tempfile.TemporaryDirectory() as name:
@@ -118,9 +127,9 @@ def main() -> None:
             took = time.perf_counter() - begun
             for cells in CELLS:
                 row = measured(options.arm, options.category, run, cells, Path(name) / str(cells))
-                lines.append(line(f"seed {seed}", f"{steps:,}", f"{took:.0f}", cells, row))
-    lines += [line("exact distance", "–", "–", cells, exact(options.category, cells)) for cells in CELLS]
-    print("\n".join(lines))
+                print(line(f"seed {seed}", f"{steps:,}", f"{took:.0f}", cells, row), flush=True)
+    for cells in CELLS:
+        print(line("exact distance", "–", "–", cells, exact(options.category, cells)), flush=True)
 
 
 if __name__ == "__main__":
