@@ -33,20 +33,32 @@ STEPS = 10  # movements of one drag
 PIXELS = 6  # of one movement
 
 
+def grip(cage: Cage, part: str) -> np.ndarray:
+    """A point of the gizmo's arrow that goes upwards most."""
+    cuboid = cage[part]
+    up = int(np.abs(cuboid.axes[:, 1]).argmax())
+    return cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up]
+
+
+def hidden(camera: Camera, cage: Cage, part: str) -> bool:
+    """Whether another cuboid is in the way to the arrow."""
+    way = np.linspace(0, 1, 4000)[:, None] * (grip(cage, part) - camera.position) + camera.position
+    inside = cage.signed_distance(way) <= 0
+    return bool(np.delete(inside, cage.part_ids.index(part), axis=1).any())
+
+
 def drags(
     page: EditorPage, camera: Camera, cage: Cage, parts: list[tuple[str, str]], moves: int
 ) -> dict[int, list[float]]:
     """Seconds by cells: of each movement until the surface follows, and of each release until the fine one is there."""
     found: dict[int, list[float]] = {COARSE: [], FINE: []}
     mouse = page.page.mouse
-    for part, name in parts * moves:
+    for part, name in [pair for pair in parts if not hidden(camera, cage, pair[0])] * moves:
         if len(found[COARSE]) >= moves:
             break
         page.settled()
         page.select(name)
-        cuboid = cage[part]
-        up = int(np.abs(cuboid.axes[:, 1]).argmax())
-        x, y = page.pixel(cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up], camera)
+        x, y = page.pixel(grip(cage, part), camera)
         mouse.move(x, y)
         page.page.wait_for_timeout(800)
         mouse.down()
