@@ -43,7 +43,8 @@ own: .venv/installed
 demo: .venv/installed
 	@folder=$$(python -m pipeline.workspace profile demo) && cd "$$folder" && $(REPRO) && cd "$(CURDIR)" && \
 	rm -rf cagesdf/demo/run cagesdf/demo/programs && mkdir -p cagesdf/demo/run cagesdf/demo/programs && \
-	cp "$$folder"/data/runs/chair/cagesdf/*.* cagesdf/demo/run && cp "$$folder"/data/programs/chair/*.* cagesdf/demo/programs
+	cp "$$folder"/data/runs/chair/cagesdf/*.* cagesdf/demo/run && \
+	cp "$$folder"/data/programs/chair/*.* cagesdf/demo/programs && rm cagesdf/demo/*/log.jsonl
 
 test: .venv/installed-dev
 	python -m pytest -n 2
