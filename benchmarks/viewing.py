@@ -40,20 +40,13 @@ def grip(cage: Cage, part: str) -> np.ndarray:
     return cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up]
 
 
-def hidden(camera: Camera, cage: Cage, part: str) -> bool:
-    """Whether another cuboid is in the way to the arrow."""
-    way = np.linspace(0, 1, 4000)[:, None] * (grip(cage, part) - camera.position) + camera.position
-    inside = cage.signed_distance(way) <= 0
-    return bool(np.delete(inside, cage.part_ids.index(part), axis=1).any())
-
-
 def drags(
     page: EditorPage, camera: Camera, cage: Cage, parts: list[tuple[str, str]], moves: int
 ) -> dict[int, list[float]]:
     """Seconds by cells: of each movement until the surface follows, and of each release until the fine one is there."""
     found: dict[int, list[float]] = {COARSE: [], FINE: []}
     mouse = page.page.mouse
-    for part, name in [pair for pair in parts if not hidden(camera, cage, pair[0])] * moves:
+    for part, name in parts * moves:
         if len(found[COARSE]) >= moves:
             break
         page.settled()

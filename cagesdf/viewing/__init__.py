@@ -4,6 +4,7 @@ document.py   what is edited: a shape, the script so far and the states that it 
 snapping.py   a cuboid that is dragged near another one comes into contact with it
 styles.py     ways through the space of codes: principal directions, new codes
 worker.py     surfaces in the background: a coarse one while the hand moves, a fine one when it rests
+picking.py    which cuboids are under the mouse
 scene.py      what is seen: surface, cuboids, gizmo and handles
 panel.py      what is read, typed and clicked beside it
 tab.py        one browser tab: document, worker, scene and panel together

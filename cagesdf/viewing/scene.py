@@ -13,6 +13,7 @@ from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.meshes import Mesh, compact
 from cagesdf.rendering import CLAY, EDGES, PART_COLOURS, rgb
 from cagesdf.structure.base import Structure
+from cagesdf.viewing.picking import along
 
 Colour = tuple[int, int, int]
 
@@ -22,6 +23,7 @@ EDGE_WIDTH = 1.5  # pixels
 GIZMO_SIZE, HANDLE_RADIUS, CLEAR = 0.24, 0.024, 0.3  # canonical; handles are CLEAR from the gizmo's middle at least
 BESIDE = 1.6  # canonical: from the surface to the true one beside it
 
+Click = Callable[[tuple[str, ...], bool], None]  # cuboids under the mouse, nearest first; with shift
 Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # phase, centre, axes by rows
 Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), how far outwards
 
@@ -51,18 +53,21 @@ def handle_place(cuboid: Cuboid, axis: int, side: int) -> Float[ndarray, " 3"]:
 class Stage:
     """The 3-D scene of one client. Frame: canonical, y up."""
 
-    def __init__(self, client: viser.ClientHandle, pick: Callable[[str, bool], None], move: Move, pull: Pull) -> None:
-        """`pick(part, more)` is called for a clicked cuboid, `move` and `pull` while gizmo and handles are dragged."""
+    def __init__(self, client: viser.ClientHandle, click: Click, move: Move, pull: Pull) -> None:
+        """`click` is called for clicks, `move` and `pull` while gizmo and handles are dragged."""
         self._client, self._scene = client, client.scene
-        self._pick, self._move, self._pull = pick, move, pull
+        self._click, self._move, self._pull = click, move, pull
         self._boxes: dict[str, Any] = {}
-        self._listening: set[str] = set()  # parts whose boxes can be clicked
+        self._cage: Cage | None = None  # as shown; None while hidden
         self._pieces: list[Any] = []
         self._handles: dict[tuple[int, int], Any] = {}
         self._gizmo: Any = None
         self._edges: Any = None
         self._truth: Any = None
         self._scene.set_up_direction("+y")
+        # Clicks are those of the whole scene: boxes that listened would keep the mouse from a gizmo behind them.
+        self._scene.on_click()(lambda event: self._clicked(event, more=False))
+        self._scene.on_click(modifier="shift")(lambda event: self._clicked(event, more=True))
         self._ground = self._scene.add_grid(
             "/ground", 4.0, 4.0, plane="xz", cell_size=0.2, section_size=1.0, cell_color=(236, 235, 232),
             section_color=(222, 220, 214), fade_distance=6.0,
@@ -93,33 +98,32 @@ class Stage:
     def show_cage(self, cage: Cage, structure: Structure, selected: Sequence[str], shown: bool) -> None:
         """The cuboids; those of the same parts are moved, others are made anew."""
         colours = dict(zip(structure.parts(), part_colours(structure)))
+        self._cage = cage if shown else None
         with self._client.atomic():
             if tuple(self._boxes) != cage.part_ids:
                 for box in self._boxes.values():
                     box.remove()
-                self._boxes = {part: self._box(i, part, cage[part]) for i, part in enumerate(cage.part_ids)}
+                self._boxes = {part: self._box(i, cage[part]) for i, part in enumerate(cage.part_ids)}
             for part, box in self._boxes.items():
                 cuboid, chosen = cage[part], part in selected
                 box.position, box.wxyz, box.dimensions = cuboid.centre, quaternion(cuboid.axes), tuple(cuboid.size)
                 box.color = SELECTED if chosen else colours[part]
                 box.opacity = SELECTED_OPACITY if chosen else BOX_OPACITY
                 box.visible = shown
-                self._listen(part, box, not chosen)
             self._show_edges(cage, [SELECTED if part in selected else colours[part] for part in cage.part_ids], shown)
 
-    def _box(self, number: int, part: str, cuboid: Cuboid) -> Any:
-        self._listening.discard(part)
+    def _box(self, number: int, cuboid: Cuboid) -> Any:
         return self._scene.add_box(f"/cuboids/{number}", dimensions=tuple(cuboid.size), cast_shadow=False)
 
-    def _listen(self, part: str, box: Any, wanted: bool) -> None:
-        """Let a cuboid be clicked, or not: one that is would keep the mouse from the gizmo inside it."""
-        if wanted and part not in self._listening:
-            box.on_click(lambda _: self._pick(part, False))
-            box.on_click(modifier="shift")(lambda _: self._pick(part, True))
-            self._listening.add(part)
-        elif not wanted and part in self._listening:
-            box.remove_click_callback()
-            self._listening.remove(part)
+    def _clicked(self, event: viser.SceneClickEvent, more: bool) -> None:
+        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+        if self._cage is not None and not self._on_handle(origin, direction):
+            self._click(along(self._cage, origin, direction), more)
+
+    def _on_handle(self, origin: Float[ndarray, " 3"], direction: Float[ndarray, " 3"]) -> bool:
+        """Whether a ray meets a handle; what is grabbed isn't clicked."""
+        ways = [np.asarray(handle.position) - origin for handle in self._handles.values()]
+        return any(np.linalg.norm(np.cross(way, direction)) <= HANDLE_RADIUS for way in ways)
 
     def _show_edges(self, cage: Cage, colours: Sequence[Colour], shown: bool) -> None:
         lines = cage.corners()[:, EDGES].reshape(-1, 2, 3)

@@ -1,20 +1,34 @@
 """The editor's address: a page for everyone who opens it, a `Tab` for each."""
 
+import re
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import viser
+from websockets.asyncio import server as sockets
 
 from cagesdf.viewing.tab import Opened, Tab
 
 CAMERA = ((1.25, 0.75, 2.05), (0.0, 0.0, 0.0))  # from where, to where; canonical
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+# Pages of this machine, and what is no page.
+OWN_PAGES = (re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"), None)
 
 
 class Server(viser.ViserServer):
-    """viser's, which a page can't ask to make it public through a stranger's server."""
+    """viser's, for this machine's own pages where it listens to this machine alone.
+
+    A page can't ask it to become public through a stranger's server, and a stranger's page, open in the same browser,
+    can't talk to it.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        with _answering(OWN_PAGES if host in LOOPBACK else None):
+            super().__init__(host, port, label="cagesdf", verbose=False)
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """There is none."""
@@ -30,7 +44,7 @@ class Editor:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="network")
         self._tabs: dict[int, Tab] = {}
         self._lock = threading.Lock()
-        self.server = Server(host, port, label="cagesdf", verbose=False)
+        self.server = Server(host, port)
         self.server.scene.set_up_direction("+y")
         self.server.initial_camera.position, self.server.initial_camera.look_at = CAMERA
         self.server.on_client_connect(self._come)
@@ -67,6 +81,17 @@ class Editor:
             tab = self._tabs.pop(client.client_id, None)
         if tab is not None:
             tab.close()
+
+
+@contextmanager
+def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[None]:
+    """Sockets that are opened meanwhile answer these pages alone: viser itself has no setting for it."""
+    plain = sockets.serve
+    sockets.serve = partial(plain, origins=origins)  # type: ignore[assignment,misc]
+    try:
+        yield
+    finally:
+        sockets.serve = plain  # type: ignore[misc]
 
 
 @contextmanager

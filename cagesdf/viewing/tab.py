@@ -25,6 +25,7 @@ from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
 from cagesdf.viewing import files
 from cagesdf.viewing.document import Document
 from cagesdf.viewing.panel import NOTHING, Actions, Panel
+from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.scene import Stage, label_of
 from cagesdf.viewing.snapping import snapped
 from cagesdf.viewing.styles import StyleSpace
@@ -61,7 +62,7 @@ class Tab:
         self._number = 0  # of generated shapes
         self._sliding: tuple[object, ...] = ()  # the control whose last operation is replaced while it moves on
         self._document = self._fresh(opened.first)
-        self._stage = Stage(client, self._pick, self._moved, self._pulled)
+        self._stage = Stage(client, self._click, self._moved, self._pulled)
         self._panel = Panel(
             client,
             Actions(
@@ -138,13 +139,8 @@ class Tab:
 
     # Selection
 
-    def _pick(self, part: str, more: bool) -> None:
-        def act() -> None:
-            rest = tuple(other for other in self._selected if other != part)
-            chosen = rest if more and part in self._selected else (*rest, part) if more else (part,)
-            self._select(chosen)
-
-        self._guarded(act)
+    def _click(self, parts: tuple[str, ...], more: bool) -> None:
+        self._guarded(lambda: self._select(clicked(parts, self._selected, more)))
 
     def _choose(self, name: str) -> None:
         parts = {own: part for part, own in part_names(self._document.state.structure).items()}

@@ -11,12 +11,13 @@ import trimesh
 from browser.page import Camera, EditorPage
 from cagesdf.cli.surfaces import edit
 from cagesdf.cli.viewing import DEMO
-from cagesdf.cuboid import Cage
+from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.links import mirrors
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.io.runs import read_run
+from cagesdf.viewing.picking import along, entries
 from cagesdf.viewing.scene import GIZMO_SIZE, handle_place
 from cagesdf.viewing.server import Editor
 
@@ -51,6 +52,11 @@ def camera_of(editor: Editor) -> Camera:
     return Camera(np.array(client.camera.position), np.array(client.camera.look_at), client.camera.fov)
 
 
+def grip(cuboid: Cuboid) -> np.ndarray:
+    """A point of the gizmo's arrow that goes upwards most."""
+    return cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[int(np.abs(cuboid.axes[:, 1]).argmax())]
+
+
 def by_name(state: State, name: str) -> str:
     return next(part for part, own in part_names(state.structure).items() if own == name)
 
@@ -76,21 +82,52 @@ def test_a_click_selects_the_cuboid_under_it(visit: Visit, editor: Editor, sessi
     )
 
 
+def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: Editor, session: Session) -> None:
+    page = visit()
+    state, camera = state_of(session, page), camera_of(editor)
+    names = part_names(state.structure)
+    aim, behind = _clear_of_gizmos(state.cage, camera)
+    at = page.pixel(aim, camera)
+    for part in (*behind, behind[0]):
+        page.page.mouse.click(*at)
+        page.until(lambda: page.status == f"selected: {names[part]}", f"{names[part]} selected")
+    page.page.mouse.click(5, 5)
+    page.until(lambda: page.status == "selected: nothing", "nothing selected")
+    page.select(names[behind[1]])
+    page.page.keyboard.down("Shift")
+    page.page.mouse.click(*at)
+    page.page.keyboard.up("Shift")
+    page.until(lambda: page.status == f"selected: {names[behind[1]]}, {names[behind[0]]}", "both selected")
+
+
+def _clear_of_gizmos(cage: Cage, camera: Camera) -> tuple[np.ndarray, tuple[str, ...]]:
+    """A point on a way through two cuboids, far from the gizmo and the handles of both."""
+    for aim in np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3)):
+        way = (aim - camera.position) / np.linalg.norm(aim - camera.position)
+        behind = along(cage, camera.position, way)
+        if len(behind) == 2:
+            knobs = [handle_place(cage[part], axis, side) for part in behind for axis in range(3) for side in (-1, 1)]
+            near = [(cage[part].centre, 1.3 * GIZMO_SIZE) for part in behind] + [(knob, 0.08) for knob in knobs]
+            if all(np.linalg.norm(np.cross(place - camera.position, way)) > radius for place, radius in near):
+                return aim, behind
+    raise AssertionError("gizmos and handles are everywhere")
+
+
 def test_dragging_an_arrow_moves_the_cuboid_and_undo_brings_the_very_same_surface_back(
     visit: Visit, editor: Editor, session: Session, tmp_path: Path
 ) -> None:
     page = visit()
     state, camera = state_of(session, page), camera_of(editor)
-    part = state.cage.part_ids[int(state.cage.centre[:, 1].argmax())]
+    ways = {part: grip(state.cage[part]) - camera.position for part in state.cage.part_ids}
+    before_it = {part: (entries(state.cage, camera.position, way) < 0.99).sum() for part, way in ways.items()}
+    part = max(before_it, key=before_it.__getitem__)
+    assert before_it[part] >= 2  # the arrow is grasped through others
     name = part_names(state.structure)[part]
     before, cuboid = page.settled(), state.cage[part]
     page.select(name)
     start = page.numbers("Centre")
     page.page.wait_for_timeout(500)
-    up = int(np.abs(cuboid.axes[:, 1]).argmax())
-    grip = cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up]
-    tip = cuboid.centre + 2.0 * GIZMO_SIZE * cuboid.axes[up]
-    at, to = page.pixel(grip, camera), page.pixel(tip, camera)
+    at, to = page.pixel(grip(cuboid), camera), page.pixel(2 * grip(cuboid) - cuboid.centre, camera)
     way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 60
     page.drag(at, (float(way[0]), float(way[1])))
     after = page.settled(before)
