@@ -10,7 +10,6 @@ here, on the same cores: with one it is faster.
 import argparse
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +28,14 @@ sys.path.append(str(Path(__file__).parent.parent / "tests"))
 from browser.conftest import FLAGS, chromium
 from browser.page import Camera, EditorPage
 
+# Of the page: from the next movement of the mouse until the surface that is named has this many cells.
+CLOCK = """(box, cells) => { window.took = new Promise(done => addEventListener("pointermove", event => {
+    const timer = setInterval(() => {
+        if (!box.value.startsWith(cells + " cells")) return;
+        clearInterval(timer);
+        done((performance.now() - event.timeStamp) / 1000);
+    }, 2);
+}, {capture: true, once: true})) }"""
 STEPS = 10  # movements of one drag
 PIXELS = 6  # of one movement
 
@@ -57,13 +64,11 @@ def drags(
         mouse.down()
         page.page.wait_for_timeout(200)
         for i in range(1, STEPS + 1):
-            page.settled()
-            start = time.perf_counter()
-            mouse.move(x, y - PIXELS * i)
-            page.until(lambda: page.surface.startswith(f"{COARSE} cells"), "a surface that follows")
-            found[COARSE].append(time.perf_counter() - start)
-            page.settled()
-            found[FINE].append(time.perf_counter() - start)
+            for cells in (COARSE, FINE):
+                page.settled()
+                page.control("Surface").first.evaluate(CLOCK, cells)
+                mouse.move(x + (cells == FINE), y - PIXELS * i)
+                found[cells].append(page.page.evaluate("() => window.took"))
         mouse.up()
         page.page.wait_for_timeout(1000)
         page.press("Reset")

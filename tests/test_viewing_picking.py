@@ -1,5 +1,7 @@
 """Rays meet the cuboids that a walk along them meets, and clicks reach every one of those."""
 
+from itertools import accumulate
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -66,10 +68,8 @@ parts = st.lists(st.sampled_from("abcde"), unique=True)
 
 @given(parts.filter(bool), parts)
 def test_clicks_in_one_place_go_through_all_that_is_there(there: list[str], selected: list[str]) -> None:
-    seen = [now := clicked(there, selected, more=False)]
-    for _ in there[1:]:
-        seen.append(now := clicked(there, now, more=False))
-    assert sorted(seen) == sorted((part,) for part in there)
+    seen = accumulate(there, lambda now, _: clicked(there, now, more=False), initial=tuple(selected))
+    assert sorted([*seen][1:]) == sorted((part,) for part in there)
 
 
 @given(parts, parts)
