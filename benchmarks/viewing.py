@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from playwright.sync_api import sync_playwright
 
+from cagesdf.cli.fitting import imported, settings_of
 from cagesdf.cli.viewing import DEMO
 from cagesdf.cuboid import Cage
 from cagesdf.editing.parts import part_names
@@ -82,7 +83,7 @@ def main() -> None:
     parser.add_argument("--moves", type=int, default=60)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    run = opened(arguments.run, None, None, None)
+    run = opened(arguments.run, None, None, None, imported, settings_of())
     state = run.session.opened(run.first)
     names = part_names(state.structure)
     with serving(run, "127.0.0.1", 18_090, 2) as editor, sync_playwright() as playwright:

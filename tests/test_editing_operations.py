@@ -396,6 +396,29 @@ def test_another_structure_stands_in_its_own_cuboids_and_keeps_the_style() -> No
     np.testing.assert_allclose(do(jug(), Build(structure=program.to_json())).cage.vectors(), chair().cage.vectors())
 
 
+def test_what_is_built_has_the_frame_of_its_files() -> None:
+    text = chair().structure.to_json()
+    frame = Similarity(0.01, Rotation.from_euler("x", -90, degrees=True).as_matrix(), np.array([0.1, -0.2, 0.3]))
+    state = do(chair(), Build(structure=text, frame=tuple(frame.to_numbers())))
+    assert state.similarity.to_numbers() == frame.to_numbers()
+    moved = do(chair(), Build(structure=text, frame=tuple(frame.to_numbers())), Move(part="*", by=(0.0, 0.0, 20.0)))
+    np.testing.assert_allclose(moved.cage.centre - state.cage.centre, [[0.0, 0.2, 0.0]] * len(state.cage), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        [0.0, *np.eye(3).ravel(), 0.0, 0.0, 0.0],
+        [-1.0, *np.eye(3).ravel(), 0.0, 0.0, 0.0],
+        [1.0, *(2 * np.eye(3)).ravel(), 0.0, 0.0, 0.0],
+        [1.0, *np.diag([1.0, 1.0, -1.0]).ravel(), 0.0, 0.0, 0.0],
+    ],
+)
+def test_a_frame_that_is_no_similarity_is_refused(frame: list[float]) -> None:
+    with pytest.raises(InputError, match="proper rotation"):
+        do(chair(), Build(structure=chair().structure.to_json(), frame=tuple(frame)))
+
+
 @pytest.mark.parametrize("text", ["{", "[1]", '{"program": 3}', "[" * 100_000, rail(REPEATS[0]).structure.to_json()])
 def test_what_is_no_structure_with_cuboids_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="structure"):

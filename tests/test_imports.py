@@ -40,7 +40,8 @@ ALLOWED = {
     "generating": RECORDS | {"generation", "stability", "io", "extraction"},
     "rendering": RECORDS | SOLIDS,
     "demo": set(),
-    "viewing": RECORDS | {"editing", "generation", "generating", "io", "extraction", "rendering"},
+    "viewing": RECORDS
+    | {"editing", "generation", "generating", "inference", "formats", "io", "extraction", "rendering"},
     "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
 }
 TORCH = {

@@ -1,5 +1,8 @@
 """What comes in through the browser is bounded and read by checked readers; what goes out is the command's file."""
 
+import io
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -40,3 +43,58 @@ def test_a_bad_script_is_refused_in_words(content: bytes, said: str) -> None:
 def test_a_bad_program_is_refused_in_words() -> None:
     with pytest.raises(InputError):
         files.program_of("chair.txt", b"__import__('os').system('true')")
+
+
+def zipped(members: Mapping[str, bytes]) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return content.getvalue()
+
+
+def test_meshes_of_a_zip_lie_side_by_side_and_nothing_else_comes_with_them(tmp_path: Path) -> None:
+    folder = tmp_path / "into"
+    folder.mkdir()
+    members = {
+        "chair/leg.obj": b"one",
+        "../../back.OBJ": b"two",
+        "C:\\x\\seat.ply": b"three",
+        "/etc/arm.stl": b"four",
+        "run.py": b"import os",
+        "__MACOSX/._leg.obj": b"",
+        "chair/notes.txt": b"-",
+    }
+    assert files.meshes_of("chair.zip", zipped(members), folder) == folder
+    found = {path.relative_to(tmp_path).as_posix(): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert found == {
+        "into/leg.obj": b"one",
+        "into/back.OBJ": b"two",
+        "into/seat.ply": b"three",
+        "into/arm.stl": b"four",
+    }
+
+
+def test_a_mesh_file_is_taken_as_it_is(tmp_path: Path) -> None:
+    path = files.meshes_of("../../My chair.GLB", b"glTF", tmp_path)
+    assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "shape.glb", b"glTF")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("chair.zip", b"PK nothing", "can't be read as a zip"),
+        ("chair.zip", zipped({"leg.obj": b"v" * 1000})[:-40], "can't be read as a zip"),
+        ("chair.zip", zipped({"leg.obj": b"v"}).replace(b"leg.obj+", b"leg.obj\xff"), "can't be read as a zip"),
+        ("chair.zip", zipped({"notes.txt": b"-"}), "holds no mesh"),
+        ("chair.zip", zipped({"a/leg.obj": b"-", "b/leg.obj": b"-"}), "two meshes are called leg.obj"),
+        ("bomb.zip", zipped({"a.obj": bytes(30_000_000), "b.obj": bytes(30_000_000)}), "holds too much"),
+        ("many.zip", zipped({f"{i}.obj": b"-" for i in range(files.MAX_MESHES + 1)}), "holds too much"),
+        ("chair.py", b"import os", "wanted a .obj"),
+        ("chair.obj", bytes(files.MAX_MESH_BYTES + 1), "wanted at most"),
+    ],
+)
+def test_bad_meshes_are_refused_in_words(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        files.meshes_of(name, content, tmp_path)
+    assert not [*tmp_path.iterdir()]

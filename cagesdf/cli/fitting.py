@@ -69,7 +69,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         torch.set_num_threads(1)
         trained = read_run(run)
         known = inference.Known.of(trained, read_residuals(run))
-        shape = _imported(source)
+        shape = imported(source)
     settings = settings_of()
     rng = np.random.default_rng(seed)
     with _timed(seconds, "prepare"):
@@ -100,7 +100,7 @@ def settings_of() -> "FitSettings":
     return FitSettings(**CUBOIDS, **SAMPLES, inference=InferenceSettings(**INFERENCE))
 
 
-def _imported(source: Path) -> "Shape":
+def imported(source: Path) -> "Shape":
     """The one shape of a source. Raises InputError if there are others, or it can't be used."""
     from cagesdf.formats.listing import find_shapes, read_shape
     from cagesdf.importing import import_shape

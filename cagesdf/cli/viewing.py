@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+from cagesdf.cli.fitting import imported, settings_of
 from cagesdf.errors import InputError
 
 DEMO = Path(__file__).parent.parent / "demo"  # a run and its generator, trained by this project
@@ -52,7 +53,7 @@ def view(
     from pipeline.executor import workers
 
     torch.set_num_threads(1)
-    with serving(opened(folder, shape, programs, shapes), host, port, workers()) as editor:
+    with serving(opened(folder, shape, programs, shapes, imported, settings_of()), host, port, workers()) as editor:
         print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)
         while True:
             time.sleep(3600)

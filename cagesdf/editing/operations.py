@@ -87,8 +87,8 @@ def _after(
             if len(code) != len(state.latent):
                 raise InputError(f"code: {len(code)} numbers; this run's codes have {len(state.latent)}")
             return replace(state, latent=np.array(code, np.float32))
-        case Build(structure=text):
-            return _sound(built(state, text))
+        case Build(structure=text, frame=numbers):
+            return _sound(built(state, text, numbers))
 
 
 def scaled(state: State, factors: tuple[float, float, float]) -> State:
@@ -99,13 +99,18 @@ def scaled(state: State, factors: tuple[float, float, float]) -> State:
     return replace(state, cage=scaled_cage(state.cage, along), stretch=state.stretch * along)
 
 
-def built(state: State, text: str) -> State:
-    """Another structure and its own cuboids; the user's frame is the canonical one from here on.
+def built(state: State, text: str, frame: tuple[float, ...] | None) -> State:
+    """Another structure and its own cuboids, in the user's frame that `frame` gives as `Similarity.to_numbers` does.
 
-    Raises InputError if `text` is no structure as `Structure.to_json` writes it, or one without cuboids.
+    Without it, it is the canonical one. Raises InputError if `text` is no structure as `Structure.to_json` writes it,
+    or one without cuboids, and if `frame` is no similarity.
     """
     structure = read_structure(text)
-    return State.opened(structure.cage(), structure, state.latent, Similarity(1.0, np.eye(3), np.zeros(3)))
+    similarity = Similarity(1.0, np.eye(3), np.zeros(3)) if frame is None else Similarity.from_numbers([*frame])
+    turn = similarity.rotation
+    if similarity.scale <= 0 or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+        raise InputError("build: frame is no similarity; wanted a scale > 0, a proper rotation by rows, a translation")
+    return State.opened(structure.cage(), structure, state.latent, similarity)
 
 
 def reprogrammed(state: State, name: str, value: float) -> State:

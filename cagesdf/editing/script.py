@@ -106,6 +106,8 @@ class Build(_Operation):
     """Go on with another structure around cuboids of its own, in the canonical frame; the style stays."""
 
     op: Literal["build"] = "build"
+    # The user's frame from here on, raw → canonical: scale, rotation by rows, translation; None: the canonical one.
+    frame: Annotated[tuple[Number, ...], Field(min_length=13, max_length=13)] | None = None
     structure: Annotated[str, Field(max_length=200_000)]  # JSON: a program and its place, or a hierarchy with cuboids
 
 

@@ -1,27 +1,37 @@
 """From folders to what tabs share."""
 
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from cagesdf.editing.session import Session
-from cagesdf.errors import InputError
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.generating import has_cuboids
 from cagesdf.generation.generator import Generator
+from cagesdf.inference import FitSettings, Known, fit_code, prepare
 from cagesdf.io.generators import GENERATOR, read_generator
-from cagesdf.io.runs import read_run
+from cagesdf.io.residuals import read_residuals
+from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.meshes import Mesh, join
+from cagesdf.shape import Shape
 from cagesdf.viewing.styles import StyleSpace
-from cagesdf.viewing.tab import Opened, Truths
+from cagesdf.viewing.tab import Opened, Taken, Truths
+
+Read = Callable[[Path], Shape]  # the one shape of a source; raises InputError
 
 DIRECTIONS = 5  # principal ones that have a slider
 KEPT = 32  # true surfaces that are held at once
 
 
-def opened(run: Path, shape: str | None, programs: Path | None, shapes: Path | None) -> Opened:
+def opened(
+    run: Path, shape: str | None, programs: Path | None, shapes: Path | None, read: Read, settings: FitSettings
+) -> Opened:
     """A run; its generator and true shapes from these folders, or, if there are any, from the run's siblings.
+
+    Uploaded shapes are read by `read` and taken into the network with `settings`.
 
     Raises InputError for an arm without cuboids, an unknown shape, and a folder that is named and isn't there.
     """
@@ -32,7 +42,21 @@ def opened(run: Path, shape: str | None, programs: Path | None, shapes: Path | N
     first = shape or min(trained.sequences)
     session.opened(first)
     codes = np.stack([*session.styles.values()]).astype(np.float64)
-    return Opened(session, StyleSpace.of(codes, DIRECTIONS), _generator(run, programs), _truths(run, shapes), first)
+    known = Known.of(trained, read_residuals(run))
+    return Opened(
+        session, StyleSpace.of(codes, DIRECTIONS), _generator(run, programs), _truths(run, shapes),
+        lambda source: _taken(trained, known, read(source), settings), first,
+    )  # fmt: skip
+
+
+def _taken(run: Run, known: Known, shape: Shape, settings: FitSettings) -> Taken:
+    try:
+        prepared = prepare(run, shape, settings, np.random.default_rng(0))
+    except ShapeRejected as error:
+        raise InputError(error.reason) from error
+    fit = fit_code(run, known, prepared, settings.inference, 0)
+    structure = shape.structure.with_cuboids(prepared.fitted.cage.cuboids())
+    return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, str(fit.verdict))
 
 
 def _beside(run: Path, kind: str) -> Path:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from cagesdf.formats.parts_folder import MESH_SUFFIXES
 from cagesdf.viewing.files import FORMATS
 
 HELLO = (
@@ -15,6 +16,7 @@ HELLO = (
     "Shift-click takes several. **Style** changes the surface alone. **File** saves what you made."
 )
 NOTHING = "–"
+MESHES = ",".join((".zip", *MESH_SUFFIXES))
 PLACES = 3.0  # standard deviations that the sliders of principal directions reach
 
 
@@ -38,7 +40,8 @@ class Actions:
     save: Callable[[], None]
     load: Callable[[str, bytes], None]
     export: Callable[[str], None]
-    upload: Callable[[str, bytes], None]
+    upload_program: Callable[[str, bytes], None]
+    upload_parts: Callable[[str, bytes], None]
 
 
 class Panel:
@@ -152,7 +155,16 @@ class Panel:
         load = gui.add_upload_button("Load script", icon=viser.Icon.FOLDER_OPEN, mime_type=".json")
         load.on_upload(lambda _: self._guard(lambda: actions.load(load.value.name, load.value.content)))
         program = gui.add_upload_button("Load program", icon=viser.Icon.CODE, mime_type=".txt")
-        program.on_upload(lambda _: self._guard(lambda: actions.upload(program.value.name, program.value.content)))
+        program.on_upload(
+            lambda _: self._guard(lambda: actions.upload_program(program.value.name, program.value.content))
+        )
+        parts = gui.add_upload_button(
+            "Load parts",
+            icon=viser.Icon.CUBE_PLUS,
+            mime_type=MESHES,
+            hint="a mesh with named parts, or a zip of meshes",
+        )
+        parts.on_upload(lambda _: self._guard(lambda: actions.upload_parts(parts.value.name, parts.value.content)))
 
     def add_made(self, picture: np.ndarray, label: str, take: Callable[[], None]) -> None:
         """A thumbnail of a generated shape, and a button that takes it up again."""

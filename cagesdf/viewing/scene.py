@@ -1,6 +1,7 @@
 """What one tab shows: the surface, coloured by part, translucent cuboids, a gizmo and handles on what is selected."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,8 @@ class Stage:
         self._client, self._scene = client, client.scene
         self._click, self._move, self._pull = click, move, pull
         self._boxes: dict[str, Any] = {}
+        # Of boxes and gizmos: a node that had the name of an earlier one would begin with its pose.
+        self._numbers = count()
         self._cage: Cage | None = None  # as shown; None while hidden
         self._pieces: list[Any] = []
         self._handles: dict[tuple[int, int], Any] = {}
@@ -103,7 +106,7 @@ class Stage:
             if tuple(self._boxes) != cage.part_ids:
                 for box in self._boxes.values():
                     box.remove()
-                self._boxes = {part: self._box(i, cage[part]) for i, part in enumerate(cage.part_ids)}
+                self._boxes = {part: self._box(cage[part]) for part in cage.part_ids}
             for part, box in self._boxes.items():
                 cuboid, chosen = cage[part], part in selected
                 box.position, box.wxyz, box.dimensions = cuboid.centre, quaternion(cuboid.axes), tuple(cuboid.size)
@@ -112,8 +115,8 @@ class Stage:
                 box.visible = shown
             self._show_edges(cage, [SELECTED if part in selected else colours[part] for part in cage.part_ids], shown)
 
-    def _box(self, number: int, cuboid: Cuboid) -> Any:
-        return self._scene.add_box(f"/cuboids/{number}", dimensions=tuple(cuboid.size), cast_shadow=False)
+    def _box(self, cuboid: Cuboid) -> Any:
+        return self._scene.add_box(f"/cuboids/{next(self._numbers)}", dimensions=tuple(cuboid.size), cast_shadow=False)
 
     def _clicked(self, event: viser.SceneClickEvent, more: bool) -> None:
         origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
@@ -145,7 +148,9 @@ class Stage:
                 self._gizmo = None
             return
         if self._gizmo is None:
-            self._gizmo = self._scene.add_transform_controls("/gizmo", GIZMO_SIZE, depth_test=False, line_width=3.0)
+            self._gizmo = self._scene.add_transform_controls(
+                f"/gizmo/{next(self._numbers)}", GIZMO_SIZE, depth_test=False, line_width=3.0
+            )
 
             # Callbacks that are coroutines are called in order.
             async def dragged(event: viser.TransformControlsEvent) -> None:

@@ -5,10 +5,12 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import viser
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from numpy import ndarray
 from scipy.spatial.transform import Rotation as Turn
 
@@ -18,10 +20,12 @@ from cagesdf.editing.script import Axis, Blend, Build, End, Move, Operation, Res
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
+from cagesdf.frames import Similarity
 from cagesdf.generating import draw_cages, of_program
 from cagesdf.generation.generator import Generated, Generator
 from cagesdf.meshes import Mesh
 from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
+from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
 from cagesdf.viewing.document import Document
 from cagesdf.viewing.panel import NOTHING, Actions, Panel
@@ -39,6 +43,16 @@ Truths = Callable[[str], Mesh | None]  # the parts of a shape, canonical, as one
 
 
 @dataclass(frozen=True, eq=False)
+class Taken:
+    """A shape from files, as the network has it."""
+
+    structure: Structure  # with cuboids, canonical
+    latent: Float32[ndarray, " d"]
+    similarity: Similarity  # raw → canonical
+    verdict: str  # whether it is like those that the network was trained on
+
+
+@dataclass(frozen=True, eq=False)
 class Opened:
     """A run that tabs share; nothing of it changes."""
 
@@ -46,6 +60,7 @@ class Opened:
     styles: StyleSpace
     generator: Generator | None
     truth: Truths
+    take: Callable[[Path], Taken]  # raises InputError
     first: str  # id of the shape that a tab begins with
 
 
@@ -68,7 +83,7 @@ class Tab:
             Actions(
                 self._open, self._undo, self._redo, self._reset, self._choose, self._place, self._lengths, self._redraw,
                 self._set, self._blend, self._direct, self._surprise, self._generate, self._save, self._load,
-                self._export, self._upload,
+                self._export, self._upload_program, self._upload_parts,
             ),
             sorted(opened.session.run.sequences),
             len(opened.styles.directions),
@@ -346,7 +361,19 @@ class Tab:
         self._client.send_file_download(f"{self._document.shape_id}.{ending}", content, save_immediately=True)
         self._say(f"{self._document.shape_id}.{ending}: {len(content):,} bytes, {len(mesh.faces):,} faces")
 
-    def _upload(self, name: str, content: bytes) -> None:
+    def _upload_parts(self, name: str, content: bytes) -> None:
+        self._say(f"{name}: fitting cuboids, and the style that explains it best")
+        with TemporaryDirectory() as folder:
+            try:
+                taken = self._opened.take(files.meshes_of(name, content, Path(folder)))
+            except InputError as error:
+                raise InputError(str(error).replace(f"{folder}/", "").replace(folder, name)) from error
+        self._selected = ()
+        self._do(Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers())))
+        self._do(Style(code=tuple(taken.latent.tolist())))
+        self._client.add_notification(name, f"{len(self._document.state.cage)} cuboids; {taken.verdict}")
+
+    def _upload_program(self, name: str, content: bytes) -> None:
         self._build(of_program(files.program_of(name, content), self._opened.session.run))
         self._say(f"{name}: {len(self._document.state.cage)} cuboids")
 

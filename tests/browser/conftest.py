@@ -16,6 +16,7 @@ import torch
 from playwright.sync_api import Browser, sync_playwright
 
 from browser.page import EditorPage
+from cagesdf.cli.fitting import imported, settings_of
 from cagesdf.cli.viewing import DEMO
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
@@ -62,7 +63,8 @@ def editor() -> Iterator[Editor]:
     """The demo, at an address of its own."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    with serving(opened(DEMO / "run", None, DEMO / "programs", None), "127.0.0.1", 18_080, 2) as running:
+    demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, settings_of())
+    with serving(demo, "127.0.0.1", 18_080, 2) as running:
         yield running
     torch.set_num_threads(threads)
 

@@ -1,5 +1,6 @@
 """The editor in a real browser: what a visitor does, and what comes of it."""
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -238,6 +239,35 @@ def test_a_new_shape_comes_with_a_thumbnail_and_can_be_taken_up_again(visit: Vis
     page.until(lambda: page.surface == before, "the surface at first")
     page.press("Take shape 1")
     page.until(lambda: page.surface == first, "the new shape")
+
+
+def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tmp_path: Path) -> None:
+    page = visit()
+    before = page.settled()
+    page.tab("File")
+    parts = {"seat": ([400, 40, 400], [1000, 400, 0]), "back": ([400, 500, 40], [1000, 670, -180])}
+    for i, (x, z) in enumerate([(820, -180), (1180, -180), (820, 180), (1180, 180)]):
+        parts[f"leg_{i}"] = ([40, 380, 40], [x, 190, z])
+    with zipfile.ZipFile(tmp_path / "stool.zip", "w") as archive:
+        for name, (extents, centre) in parts.items():
+            mesh = trimesh.creation.box(extents)
+            mesh.apply_translation(centre)
+            archive.writestr(f"stool/{name}.stl", mesh.export(file_type="stl"))
+    page.upload("Load parts", "stool.zip", (tmp_path / "stool.zip").read_bytes())
+    page.page.get_by_text("6 cuboids").wait_for()
+    page.settled(before)
+    assert [operation["op"] for operation in page.script(tmp_path)] == ["build", "style"]
+    page.tab("Cuboids")
+    page.select("back")
+    np.testing.assert_allclose(page.numbers("Centre"), [1000, 670, -180], atol=5)
+    np.testing.assert_allclose(page.numbers("Lengths"), [400, 500, 40], rtol=0.05)
+    page.tab("File")
+    mesh = trimesh.load_mesh(page.download("Export", tmp_path))
+    assert np.all(mesh.bounds[0] > [790, -10, -210])
+    assert np.all(mesh.bounds[1] < [1210, 930, 210])
+    page.upload("Load parts", "bad.zip", b"PK")
+    page.until(lambda: "can't be read as a zip" in page.status, "what is wrong with it")
+    page.picture("parts")
 
 
 def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit, editor: Editor) -> None:
