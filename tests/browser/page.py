@@ -32,6 +32,17 @@ class EditorPage:
     def close(self) -> None:
         self.page.close()
 
+    def to_background(self) -> None:
+        """Draw nothing, as browsers do for a tab behind another one."""
+        self.page.evaluate(
+            "() => { window.front = requestAnimationFrame; window.frames = [];"
+            " window.requestAnimationFrame = frame => window.frames.push(frame) }"
+        )
+
+    def to_front(self) -> None:
+        """Draw again."""
+        self.page.evaluate("() => { window.requestAnimationFrame = window.front; window.frames.forEach(window.front) }")
+
     def _heard(self, message: ConsoleMessage) -> None:
         if message.type == "error" and NOISE not in message.text:
             self.errors.append(message.text)

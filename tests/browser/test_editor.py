@@ -23,6 +23,7 @@ from cagesdf.viewing.scene import GIZMO_SIZE, handle_place
 from cagesdf.viewing.server import Editor
 
 pytestmark = pytest.mark.slow
+VISITORS = 10  # at once
 Visit = Callable[[], EditorPage]
 
 
@@ -271,6 +272,10 @@ def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tm
 
 
 def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit, editor: Editor) -> None:
+    others = []
+    for _ in range(VISITORS - 2):
+        others.append(visit())
+        others[-1].to_background()
     one, other = visit(), visit()
     surface = other.settled()
     one.tab("File")
@@ -282,6 +287,12 @@ def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit
     before = editor.tabs
     one.close()
     other.until(lambda: editor.tabs == before - 1, "the closed tab freed")
-    other.tab("Style")
-    other.press("Surprise me")
-    other.settled(surface)
+    other.to_background()
+    styles = {surface}
+    for page in (*others, other):
+        page.to_front()
+        page.tab("Style")
+        page.press("Surprise me")
+        styles.add(page.settled(surface))
+        page.to_background()
+    assert len(styles) == VISITORS
