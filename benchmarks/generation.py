@@ -18,7 +18,17 @@ import numpy as np
 import torch
 
 from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
-from cagesdf.generating import Extracting, code_source, counts, draw_cages, has_cuboids, make_shape, methods_of, orders
+from cagesdf.generating import (
+    STABILITIES,
+    Extracting,
+    code_source,
+    counts,
+    draw_cages,
+    has_cuboids,
+    make_shape,
+    methods_of,
+    orders,
+)
 from cagesdf.io.generators import read_generator
 from cagesdf.io.runs import read_run
 
@@ -33,7 +43,7 @@ def rng_of(*numbers: int) -> np.random.Generator:
 def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[str]:
     """A line for each method of an arm."""
     run = read_run(data / "runs" / category / arm)
-    how = Extracting(cells, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], 2048)
+    how = Extracting(cells, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], 2048, STABILITIES["support"])
     lines = []
     for method in methods_of(run):
         source = code_source(run, method, None)

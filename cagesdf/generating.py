@@ -23,6 +23,7 @@ from cagesdf.generation.novelty import reach_of, standing
 from cagesdf.io.generated import BROKEN, EMPTY, OK, GeneratedShape
 from cagesdf.io.runs import Run
 from cagesdf.meshes import sample_surface
+from cagesdf.simulation import stays_standing
 from cagesdf.stability import rooted, stable
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.executor import execute
@@ -30,6 +31,7 @@ from cagesdf.structure.program import AssemblyProgram
 
 ROUNDS = 8  # draws for each cage that is wanted, at most
 NO_CAGE = Cage.of({})
+STABILITIES: Mapping[str, Callable[[Cage], bool]] = {"support": stable, "simulation": stays_standing}
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +157,14 @@ def of_program(program: AssemblyProgram, run: Run) -> Generated:
 
 @dataclass(frozen=True)
 class Extracting:
-    """How surfaces are taken out of the network."""
+    """How surfaces are taken out of the network, and what is asked of their cages."""
 
     resolution: int  # cells along [-HALF_EXTENT, HALF_EXTENT]
     outside: Outside
     overlap: Overlap
     loose: Loose
     points: int  # on each surface
+    stable: Callable[[Cage], bool]  # one of STABILITIES
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +226,7 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         found.clipped,
         found.asked,
         standing_on,
-        standing_on and stable(cage),
+        standing_on and how.stable(cage),
         points.astype(np.float32),
     )
 

@@ -6,7 +6,7 @@ diagonal of the box around it. All of this is said of cuboids: the surfaces in t
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.sparse.csgraph import connected_components
 
@@ -21,7 +21,7 @@ PARALLEL = 1e-12  # squared sine of the angle below which two edges have no sing
 
 def rooted(cage: Cage) -> bool:
     """Whether every cuboid is joined to one that is joined to … one that stands on the ground."""
-    component, grounded = _components(cage), _heights(cage).min(axis=1) <= _near(cage)
+    component, grounded = components(cage), _heights(cage).min(axis=1) <= _near(cage)
     return set(component) == set(component[grounded])
 
 
@@ -31,7 +31,7 @@ def stable(cage: Cage) -> bool:
     What hangs together has its centre of mass above the inside of the convex hull of the corners that it
     stands on. Cuboids are solid, all of one density; where two overlap, both have mass.
     """
-    component, feet = _components(cage), _heights(cage) <= _near(cage)
+    component, feet = components(cage), _heights(cage) <= _near(cage)
     volume, corners = cage.size.prod(axis=1), cage.corners()
     for label in set(component):
         own = component == label
@@ -88,7 +88,8 @@ def _heights(cage: Cage) -> Float[ndarray, "p 8"]:
     return heights - heights.min()
 
 
-def _components(cage: Cage) -> ndarray:
+def components(cage: Cage) -> Int[ndarray, " p"]:
+    """The number of the connected part that each cuboid belongs to."""
     return connected_components(joined(cage), directed=False)[1]
 
 

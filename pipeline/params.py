@@ -202,6 +202,7 @@ class GenerateParams(Params):
     overlap: Literal["deepest", "union", "blend"]
     loose: Literal["keep", "drop"]
     points: Count  # on each surface
+    stability: Literal["support", "simulation"]  # how it is tested; the second needs the extra `physics`
     seed: Natural
 
 

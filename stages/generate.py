@@ -13,6 +13,7 @@ import torch
 
 from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
 from cagesdf.generating import (
+    STABILITIES,
     Extracting,
     Order,
     code_source,
@@ -40,7 +41,7 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
         sources = {method: code_source(trained, method, tau) for method in methods_of(trained)}
         todo = orders(drawn, sources, params.seed, partial(item_rng, params.seed, "code"), params.temperature)
         outside, overlap, loose = OUTSIDES[params.outside], OVERLAPS[params.overlap], LOOSE[params.loose]
-        how = Extracting(params.resolution, outside, overlap, loose, params.points)
+        how = Extracting(params.resolution, outside, overlap, loose, params.points, STABILITIES[params.stability])
 
         def make(order: Order) -> GeneratedShape:
             return make_shape(trained, how, item_rng(params.seed, "points", order.method, order.shape_id), order)

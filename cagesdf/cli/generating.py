@@ -38,6 +38,7 @@ def generate(
     programs: Path | None = None,
     resolution: int = 128,
     ending: Literal["ply", "obj", "stl", "glb"] = "glb",
+    stability: Literal["support", "simulation"] = "support",
 ) -> None:
     """Make new shapes: new cuboids, new latent codes, and the surfaces that a trained network gives for them.
 
@@ -67,13 +68,16 @@ def generate(
         Cells along 2.1 times the radius of the unit sphere.
     ending
         The format of the meshes; .obj and .glb are cut into parts and have the cuboids too.
+    stability
+        How it is tested whether shapes stand: by the polygon that they stand on, or by letting them go and pushing them
+        in a simulation (pip install 'cagesdf[physics]').
     """
     _check(out, count, seed, temperature, resolution)
     seconds = time.perf_counter()
     import torch
 
     from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
-    from cagesdf.generating import Extracting, code_source, counts, has_cuboids, make_shape, orders
+    from cagesdf.generating import STABILITIES, Extracting, code_source, counts, has_cuboids, make_shape, orders
     from cagesdf.io.runs import read_run
     from pipeline.executor import item_rng, workers
 
@@ -87,7 +91,7 @@ def generate(
     method = (latent or "dependent") if has_cuboids(trained) else "isotropic"
     source = code_source(trained, method, None)
     todo = orders(drawn, {method: source}, seed, partial(item_rng, seed, "code"), temperature)
-    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS)
+    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS, STABILITIES[stability])
     with new_folder(out) as folder, ThreadPoolExecutor(workers()) as pool:
         make = partial(make_shape, trained, how)
         rngs = [item_rng(seed, "points", order.method, order.shape_id) for order in todo]
