@@ -1,10 +1,11 @@
 """Whether a cage stays standing when it is let go and pushed: ShapeAssembly's test of stability, in Bullet.
 
-What hangs together is one rigid body of solid cuboids, density 1; bodies pass through each other. Each is let go where it
-is, gravity 9.8 along -y, on a plane through the cage's lowest corner, and is pushed upwards and turned for the first step.
-It is stable if in the end its centre of mass is as high as it was, up to TOLERANCE of the body's height.
+What hangs together is one rigid body of solid cuboids of one density; bodies pass through each other. Each is let go
+where it is, on a plane through the cage's lowest corner, gravity along -y, and is pushed up and turned in the first
+step. It is stable if in the end its centre of mass is as high as it was, up to TOLERANCE of the body's height. Their
+forces are 1000 times a volume and a length, with masses that aren't stated; here they are those of mass 1000 a volume.
 
-The optional extra `physics` (`pip install cagesdf[physics]`) has the simulator; without it, `stability.stable` needs none.
+The optional extra `physics` (pip install 'cagesdf[physics]') has the simulator; `stability.stable` needs none.
 """
 
 from typing import Any

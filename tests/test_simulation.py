@@ -37,6 +37,10 @@ def table(*legs: tuple[float, float]) -> Cage:
     return Cage.of({"top": box(0, 0.8, 0, 1, 0.1, 1)} | found)
 
 
+def beside(cuboid: Cuboid, x: float) -> Cuboid:
+    return Cuboid(cuboid.centre + np.array([x, 0, 0]), cuboid.axes, cuboid.size)
+
+
 SQUARE = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 ROOF = Cage.of({"roof": Cuboid(np.array([0, 0.5, 0]), Turn.from_rotvec([0, 0, np.pi / 4]).as_matrix(), np.ones(3))})
 STANDING = {
@@ -44,8 +48,7 @@ STANDING = {
     "table": table(*SQUARE),
     "on three legs": table((-1, -1), (1, -1), (0, 1)),
     "two tables": Cage.of(
-        {f"{name}{i}": Cuboid(part.centre + [3 * i, 0, 0], part.axes, part.size)
-         for i in range(2) for name, part in table(*SQUARE).cuboids().items()}
+        {f"{name}{i}": beside(part, 3 * i) for i in range(2) for name, part in table(*SQUARE).cuboids().items()}
     ),
 }  # fmt: skip
 FALLING = {
@@ -54,8 +57,7 @@ FALLING = {
     "on its edge": ROOF,
     "one table of two": Cage.of(
         {**STANDING["table"].cuboids(),
-         **{f"other {name}": Cuboid(part.centre + [3, 0, 0], part.axes, part.size)
-            for name, part in table((1, -1), (1, 1)).cuboids().items()}}
+         **{f"other {name}": beside(part, 3) for name, part in table((1, -1), (1, 1)).cuboids().items()}}
     ),
     "in the air": Cage.of({"cube": box(0, 0, 0, 1, 1, 1), "lamp": box(0, 2, 0, 0.1, 0.1, 0.1)}),
 }  # fmt: skip
