@@ -81,16 +81,31 @@ class Tab:
         self._panel = Panel(
             client,
             Actions(
-                self._open, self._undo, self._redo, self._reset, self._choose, self._place, self._lengths, self._redraw,
-                self._set, self._blend, self._direct, self._surprise, self._generate, self._save, self._load,
-                self._export, self._upload_program, self._upload_parts,
+                open_shape=self._open,
+                undo=self._undo,
+                redo=self._redo,
+                reset=self._reset,
+                select=self._choose,
+                place=self._place,
+                lengths=self._lengths,
+                redraw=self._redraw,
+                set_parameter=self._set,
+                blend=self._blend,
+                direct=self._direct,
+                surprise=self._surprise,
+                generate=self._generate,
+                save=self._save,
+                load=self._load,
+                export=self._export,
+                upload_program=self._upload_program,
+                upload_parts=self._upload_parts,
             ),
             sorted(opened.session.run.sequences),
             len(opened.styles.directions),
             opened.generator is not None,
             opened.truth(opened.first) is not None,
             self._guarded,
-        )  # fmt: skip
+        )
         self._panel.shape.value = opened.first
         self._worker = Worker(opened.session, pool, self._show, self._say)
         self._stage.show_ground(self._document.state.cage)
