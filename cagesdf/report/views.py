@@ -28,25 +28,27 @@ SUFFIX = ".html"
 def write_views(folder: Path, grids: Sequence[tuple[str, Grid]]) -> list[list[list[str | None]]]:
     """Write `<name>.html` for each grid; by grid, row and column the address of a scene, relative to `folder`'s parent.
 
-    Nothing is drawn here, and nobody is let in: the server that viser needs for an export listens to this machine
-    alone, and ends with the call. Equal scenes give equal bytes.
+    Nothing is drawn here, and nobody is let in: the servers that viser needs for exports listen to this machine alone,
+    and end with the call. Equal scenes give equal bytes.
     """
+    return [_view(folder, name, grid) for name, grid in grids]
+
+
+def _view(folder: Path, name: str, grid: Grid) -> list[list[str | None]]:
+    # A server a page: what is taken out of one before the next scene would be recorded, in the order of a set.
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)
     try:
-        return [_view(server, folder, name, grid) for name, grid in grids]
+        server.scene.set_up_direction("+y")
+        for i, row in enumerate(grid.scenes):
+            for j, scene in enumerate(row):
+                if scene is not None:
+                    _add(server.scene, f"/{i}/{j}", scene, _place(i, j))
+                    label = f"{grid.names[i]}, {grid.columns[j]}"
+                    server.scene.add_label(f"/{i}/{j}/label", label, position=_label(i, j))
+        page = server.get_scene_serializer().as_html()
     finally:
         server.stop()
-
-
-def _view(server: viser.ViserServer, folder: Path, name: str, grid: Grid) -> list[list[str | None]]:
-    server.scene.reset()
-    server.scene.set_up_direction("+y")
-    for i, row in enumerate(grid.scenes):
-        for j, scene in enumerate(row):
-            if scene is not None:
-                _add(server.scene, f"/{i}/{j}", scene, _place(i, j))
-                server.scene.add_label(f"/{i}/{j}/label", f"{grid.names[i]}, {grid.columns[j]}", position=_label(i, j))
-    (folder / f"{name}{SUFFIX}").write_text(server.get_scene_serializer().as_html(), encoding="utf-8", newline="\n")
+    (folder / f"{name}{SUFFIX}").write_text(page, encoding="utf-8", newline="\n")
     return [
         [_address(folder.name, name, _place(i, j)) if scene is not None else None for j, scene in enumerate(row)]
         for i, row in enumerate(grid.scenes)
