@@ -36,6 +36,7 @@ from cagesdf.viewing.styles import StyleSpace
 from cagesdf.viewing.worker import FINE, Made, Worker
 
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+DRAWS = 4  # for a new shape
 PICTURE = 220  # pixels along a side of a thumbnail
 
 
@@ -336,16 +337,24 @@ class Tab:
     def _generate(self, temperature: float) -> None:
         if self._opened.generator is None:
             raise InputError("this run has no generator of new cuboids")
-        found = draw_cages(self._opened.generator, self._rng, 1, temperature)
-        if not found.kept:
-            raise InputError(f"no draw gave a valid shape: {found.failures}; lower the temperature")
-        self._build(found.kept[0])
+        self._draw(self._opened.generator, temperature)
         self._surprise(1.0)
         self._number += 1
         document, state = self._document, self._document.state
         colours = (CLAY,) * len(state.cage)
         [pictures], _ = render_rows([[Scene(cage=state.cage, cage_colours=colours)]], PICTURE)
         self._panel.add_made(side_by_side(pictures, 1), f"Take shape {self._number}", lambda: self._become(document))
+
+    def _draw(self, generator: Generator, temperature: float) -> None:
+        """Go on with the first new structure that can be edited: a cuboid may be too thin for it."""
+        found = draw_cages(generator, self._rng, DRAWS, temperature)
+        reasons = [*found.failures]
+        for generated in found.kept:
+            try:
+                return self._build(generated)
+            except InputError as error:
+                reasons.append(str(error))
+        raise InputError(f"no draw gave a shape to edit: {'; '.join(reasons)}; lower the temperature")
 
     def _build(self, generated: Generated) -> None:
         structure = generated.structure
