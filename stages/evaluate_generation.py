@@ -60,7 +60,7 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
         classifier, sets = read_features(features / FILE), read_clouds(clouds)
         shapes = {arm: read_generated(path) for arm, path in arms.items()}
         made = {
-            (arm, method): described(classifier, clouds.name, params, *stacked(own.points(method)))
+            (arm, method): described(classifier, clouds.name, params, *stacked(own.points(method), classifier.points))
             for arm, own in shapes.items()
             for method in own.methods
         }
@@ -99,10 +99,12 @@ def described(
     return Described(points[:, : params.points], features, failed), float(right.mean()) if known else np.nan
 
 
-def stacked(points: Mapping[str, Float[ndarray, "m 3"]]) -> tuple[Float[ndarray, "n p 3"], Bool[ndarray, " n"]]:
-    """Clouds as one array, and which failed: those without points, which are all at the origin."""
+def stacked(
+    points: Mapping[str, Float[ndarray, "m 3"]], least: int
+) -> tuple[Float[ndarray, "n p 3"], Bool[ndarray, " n"]]:
+    """Clouds as one array, and which failed: those without points, of which all, `least` or more, are at the origin."""
     failed = np.array([len(cloud) == 0 for cloud in points.values()])
-    count = max(map(len, points.values()), default=0)
+    count = max([least, *map(len, points.values())])
     clouds = [cloud if len(cloud) else np.zeros((count, 3), np.float32) for cloud in points.values()]
     return np.stack(clouds), failed
 

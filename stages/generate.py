@@ -35,6 +35,8 @@ from pipeline.executor import workers
 def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
     """Read `run` and `programs/`, write `generated/`: the methods of an arm, and all arms, have the same cages."""
     with artefact.write(KIND, out, inputs={"run": run, "programs": programs}, params=params) as folder:
+        # A thread a surface: torch's own would wait for each other on a busy machine, and give other last bits.
+        torch.set_num_threads(1)
         trained = read_run(run)
         samples, drawn = cages(trained, programs, params)
         tau = None if params.tau == "likelihood" else params.tau
@@ -46,7 +48,6 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
         def make(order: Order) -> GeneratedShape:
             return make_shape(trained, how, item_rng(params.seed, "points", order.method, order.shape_id), order)
 
-        torch.set_num_threads(1)  # a thread a surface: torch's own would wait for each other on a busy machine
         about = {
             "drawn": len(samples.kept) + sum(samples.failures.values()),
             "failures": dict(samples.failures),

@@ -6,6 +6,8 @@ python -m stages.train_programs data/shapes/chair data/cuboids/chair data/progra
 from collections.abc import Mapping
 from pathlib import Path
 
+import torch
+
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError, ShapeRejected
 from cagesdf.generation.checks import Figures, rebuilding_figures, sample_figures
@@ -29,6 +31,7 @@ Log = list[dict[str, int | float]]
 def main(shapes: Path, cuboids: Path, out: Path, params: TrainProgramsParams) -> None:
     """Read `shapes/` and `cuboids/`, write `programs/`, from training shapes only; print how good it is."""
     with artefact.write(KIND, out, inputs={"shapes": shapes, "cuboids": cuboids}, params=params) as folder:
+        torch.set_num_threads(1)  # with several, sums would be taken in another order on another machine
         source, cages = read_shapes(shapes), read_cages(cuboids)
         cages = {name: cages[name] for name in source.ids_of("train") if name in cages}
         programs = {name: assembly for name, assembly in read_assemblies(cuboids).items() if name in cages}

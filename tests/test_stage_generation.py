@@ -102,6 +102,16 @@ def test_there_is_a_row_a_method_and_floors_beside_them(done: Path) -> None:
     assert gather_generation({"stool": (rows, about)})["orders"]["stool"]["here"]["fd"][-1] == "deepsdf, isotropic"
 
 
+def test_clouds_of_a_method_without_any_surface_stand_where_figures_are_worst() -> None:
+    clouds, failed = evaluate_generation.stacked({"a": np.zeros((0, 3), np.float32), "b": np.zeros((0, 3))}, 60)
+    assert clouds.shape == (2, 60, 3)
+    assert not clouds.any()
+    assert failed.all()
+    own = np.ones((80, 3), np.float32)
+    clouds, failed = evaluate_generation.stacked({"a": own, "b": own[:0]}, 60)
+    assert (clouds.shape, failed.tolist()) == ((2, 80, 3), [False, True])
+
+
 def test_the_nearest_training_shape_of_each_is_told(done: Path) -> None:
     rows = {(row["arm"], row["method"], int(row["shape_id"][4:])): row for row in read_nearest(done)}
     assert len(rows) == 12
