@@ -95,19 +95,20 @@ def generate(
     with new_folder(out) as folder, ThreadPoolExecutor(workers()) as pool:
         make = partial(make_shape, trained, how)
         rngs = [item_rng(seed, "points", order.method, order.shape_id) for order in todo]
-        shapes = []
+        rows, shown = [], []
         with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
             for shape in pool.map(make, rngs, todo):
                 entry = _written(folder, shape, ending)
                 stream.write(json.dumps(entry, ensure_ascii=False) + "\n")
-                shapes.append(shape)
-        _sheet(folder / "sheet.png", shapes[:SHOWN])
+                rows.append(shape.row())
+                shown += [shape] if len(shown) < SHOWN else []
+        _sheet(folder / "sheet.png", shown)
     told = {
         "out": str(out),
         "method": method,
         **source.about(),
         "asked": count,
-        **counts([shape.row() for shape in shapes]),
+        **counts(rows),
         "seconds": round(time.perf_counter() - seconds, 2),
     }
     print(json.dumps(told, ensure_ascii=False))
