@@ -95,7 +95,8 @@ def generate(
     with new_folder(out) as folder, ThreadPoolExecutor(workers()) as pool:
         make = partial(make_shape, trained, how)
         rngs = [item_rng(seed, "points", order.method, order.shape_id) for order in todo]
-        rows, shown = [], []
+        rows: list[dict[str, Any]] = []
+        shown: list[GeneratedShape] = []
         with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
             for shape in pool.map(make, rngs, todo):
                 entry = _written(folder, shape, ending)
