@@ -14,12 +14,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import PipelineError
 from pipeline.params import Params
 
 MANIFEST = "manifest.json"
 
 
-class ArtefactError(ValueError):
+class ArtefactError(PipelineError):
     """An artefact that is missing, incomplete, of another kind or of another format."""
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cagesdf.cuboid import Sequence
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
@@ -59,4 +59,4 @@ def score_surfaces(
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
 from cagesdf.evaluation.trials import Trial
@@ -76,4 +76,4 @@ def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

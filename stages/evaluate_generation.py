@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds
 from cagesdf.evaluation.generation import (
     FIGURES,
@@ -178,4 +178,4 @@ def sizes(sets: dict[str, Clouds], size: int, points: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

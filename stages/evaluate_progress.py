@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
 from cagesdf.evaluation.tables import PROGRESS
 from cagesdf.extraction import FIELDS, OUTSIDES, OVERLAPS, extract_surface
@@ -75,4 +75,4 @@ def surface(run: Run, shape_id: str, step: int, params: ProgressParams) -> Measu
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from cagesdf.audit import with_outliers
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import ShapeSource, list_shapes, read_shape
 from cagesdf.importing import import_shape, summary
 from cagesdf.io.rejected import write_rejected
@@ -42,4 +42,4 @@ def lost(source: ShapeSource, reason: str) -> ShapeRejected:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

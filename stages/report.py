@@ -7,6 +7,7 @@ python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboi
 import json
 from pathlib import Path
 
+from cagesdf.errors import InputError
 from cagesdf.evaluation.table3 import gather_generation
 from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 from cagesdf.io.edits import read_edits
@@ -95,4 +96,4 @@ def inside(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)
