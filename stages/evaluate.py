@@ -21,8 +21,8 @@ from pipeline import EvaluateParams, artefact, item_rng, parallel_map, run_stage
 
 
 def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: EvaluateParams) -> None:
-    """Read all `meshes/`, `shapes/` and `sequences/` of a category, write `scores/`: one row a surface and seed."""
-    arms = artefact.inside(meshes, "meshes")
+    """Read each arm's `meshes/`, `shapes/` and `sequences/`, write `scores/`: one row a surface and seed."""
+    arms = artefact.inside(meshes, params.arms, "meshes", params.format)
     inputs = {"shapes": shapes, "sequences": sequences}
     manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
     with artefact.write("scores", out, inputs=inputs, params=params, foreign=manifests) as folder:

@@ -49,11 +49,11 @@ class Task:
 
 
 def main(generated: Path, clouds: Path, features: Path, out: Path, params: GenerationParams) -> None:
-    """Read the shapes of all arms, `clouds/` and `features/`, write `generation/`.
+    """Read the shapes of all generators, `clouds/` and `features/`, write `generation/`.
 
     There are no figures where there are fewer than four references: own data with hardly any validation shapes.
     """
-    arms = artefact.inside(generated, "generated")
+    arms = artefact.inside(generated, params.generators, "generated", params.format)
     manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
     inputs = {"clouds": clouds, "features": features}
     with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:

@@ -22,7 +22,7 @@ from pipeline import ProgressParams, artefact, draw, item_rng, parallel_map, run
 
 def main(runs: Path, shapes: Path, out: Path, params: ProgressParams) -> None:
     """Read the runs of all arms with their snapshots and `shapes/`, write `progress/`."""
-    arms = artefact.inside(runs, "run")
+    arms = artefact.inside(runs, params.arms, "run", params.format)
     manifests = {arm: folder / artefact.MANIFEST for arm, folder in arms.items()}
     with artefact.write("progress", out, inputs={"shapes": shapes}, foreign=manifests, params=params) as folder:
         todo = [
