@@ -83,6 +83,25 @@ def test_a_command_runs_its_own_stage_on_paths_that_are_deps_and_outs(stage: str
     assert set(paths) == set(deps) | set(outs)
 
 
+@pytest.mark.slow
+def test_a_report_that_fails_costs_neither_the_metrics_nor_the_page_of_the_last_one(tmp_path: Path) -> None:
+    """DVC deletes what a stage writes before it runs, but for what persists."""
+    report = {**GRAPH["report"], "cmd": f"{sys.executable} report.py", "deps": ["report.py"], "params": []}
+    files = ["data/metrics/tables.json", "data/report/index.html"]
+    (tmp_path / "dvc.yaml").write_text(yaml.safe_dump({"stages": {"report": report}}), encoding="utf-8")
+    works = f"import os\nfor path in {files}:\n    os.makedirs(os.path.dirname(path))\n    open(path, 'w').close()"
+    (tmp_path / "report.py").write_text(works, encoding="utf-8")
+
+    def dvc(*arguments: str) -> int:
+        command = [sys.executable, "-m", "dvc", *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode
+
+    assert [dvc("init", "--no-scm"), dvc("repro")] == [0, 0]
+    (tmp_path / "report.py").write_text("raise SystemExit(1)", encoding="utf-8")
+    assert dvc("repro") != 0
+    assert all((tmp_path / file).is_file() for file in files)
+
+
 @pytest.mark.parametrize("file", ["params.yaml", *sorted(f"profiles/{p.name}" for p in (ROOT / "profiles").glob("*"))])
 def test_parameter_files_load_with_every_section_and_arm(file: str, tmp_path: Path) -> None:
     params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))

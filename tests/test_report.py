@@ -316,7 +316,8 @@ def test_chosen_shapes_are_different_and_in_order(total: int, count: int) -> Non
 GAINS = (0.9, -1.0, 0.5)  # of the stools' swaps
 PARAMS = Params(format=1)
 REPORT = ReportParams(
-    format=1, shapes=2, generated=2, image_size=32, categories=("stool",), arms=("cagesdf", "deepsdf"), generators=("cagesdf",),
+    format=1, shapes=2, generated=2, image_size=32,
+    categories=("stool",), arms=("cagesdf", "deepsdf"), generators=("cagesdf",),
 )  # fmt: skip
 
 
@@ -458,13 +459,8 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
 
 def test_leftovers_of_other_runs_change_nothing(data: Path) -> None:
     first = make(data, "a")
-    for left in (
-        "shapes/lamp",
-        "meshes/lamp/cagesdf",
-        "meshes/stool/renamed",
-        "runs/stool/renamed",
-        "generated/stool/x",
-    ):
+    renamed = [f"{kind}/stool/renamed" for kind in ("meshes", "runs", "generated")]
+    for left in ("shapes/lamp", "meshes/lamp/cagesdf", *renamed):
         (data / left).mkdir(parents=True)
         (data / left / artefact.MANIFEST).write_text("{", encoding="utf-8")
     for before, after in zip(first, make(data, "b"), strict=True):

@@ -3,11 +3,14 @@
 from collections.abc import Iterator
 
 import pytest
+import viser
+from viser.infra import _infra as infra
+from websockets.asyncio import server as sockets
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from cagesdf.viewing.server import Server
+from cagesdf.viewing.server import OWN_PAGES, Server
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +41,20 @@ def test_pages_of_this_machine_are_answered(server: Server, origin: str | None) 
 def test_other_sites_are_refused(server: Server, origin: str) -> None:
     with pytest.raises(InvalidStatus, match="403"):
         speak(server, origin)
+
+
+def test_other_sockets_of_the_process_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, seen = sockets.serve, []
+
+    def opened(self: viser.ViserServer, *arguments: object, **options: object) -> None:
+        seen.append((sockets.serve, infra.websockets.asyncio.server.serve.keywords))
+
+    monkeypatch.setattr(viser.ViserServer, "__init__", opened)
+    library = infra.websockets
+    Server("127.0.0.1", 0)
+    Server("0.0.0.0", 0)
+    assert seen == [(plain, {"origins": OWN_PAGES}), (plain, {"origins": None})]
+    assert infra.websockets is library
 
 
 def test_no_page_can_make_it_public(server: Server) -> None:
