@@ -138,6 +138,9 @@ def test_the_device_is_the_one_that_the_environment_names(monkeypatch: pytest.Mo
     assert device() == "meta"
     monkeypatch.setenv("CAGESDF_DEVICE", "auto")
     assert device() in ("cpu", "cuda")
+    monkeypatch.setenv("CAGESDF_DEVICE", "gpu")
+    with pytest.raises(SettingError, match=r"CAGESDF_DEVICE: wanted a device such as cpu or cuda, got 'gpu'"):
+        device()
 
 
 @pytest.mark.parametrize("count", ["1", "2"])

@@ -8,6 +8,7 @@ import pytest
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
+from cagesdf.errors import InputError
 from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.meshes import is_closed, join, sample_surface
 from cagesdf.shape import RawPart
@@ -234,5 +235,5 @@ def test_equal_seeds_draw_equal_sets_and_unknown_categories_are_refused() -> Non
     assert draw_recipes("table", 5, 2, np.random.default_rng(3)) == draw_recipes(
         "table", 5, 2, np.random.default_rng(3)
     )
-    with pytest.raises(ValueError, match="lamp"):
+    with pytest.raises(InputError, match="lamp"):
         draw_recipes("lamp", 1, 1, np.random.default_rng(0))
