@@ -32,8 +32,8 @@ def part_names(structure: Structure) -> dict[str, str]:
 def select(structure: Structure, pattern: str) -> tuple[str, ...]:
     """Ids of the parts whose id, name or label is `pattern`: * and ? stand for any letters, any letter, | for or.
 
-    A part that is called exactly so is meant, whatever letters its name has. Raises InputError if one of the alternatives
-    finds none, with the names that there are.
+    A part that is called exactly so is meant, whatever letters its name has. Raises InputError if one of the
+    alternatives finds none, with the names that there are.
     """
     names, labels = part_names(structure), structure.labels()
     if exact := tuple(part for part, name in names.items() if pattern in (part, name, labels[part])):

@@ -156,12 +156,12 @@ class _Surfaces:
 
     def check(self, nodes: list[int]) -> None:
         """Raise InputError for what can't be read, or is too much. Nothing of the buffers is read yet."""
-        primitives = corners = 0
+        keys = [self._key(i) for i in nodes]
+        primitives = sum(len(self._document.meshes[mesh].primitives) for mesh, _ in keys)
+        self._limit("primitives", primitives, MAX_ENTRIES)
+        corners = 0
         used: set[int] = set()
-        for i in nodes:
-            mesh, weights = self._key(i)
-            primitives += len(self._document.meshes[mesh].primitives)
-            self._limit("primitives", primitives, MAX_ENTRIES)
+        for i, (mesh, weights) in zip(nodes, keys, strict=True):
             if (mesh, weights) not in self._pieces:
                 self._pieces[mesh, weights] = list(self._read_pieces(i, mesh, weights))
             pieces = self._pieces[mesh, weights]
@@ -193,7 +193,7 @@ class _Surfaces:
     def _limit(self, what: str, count: int, most: int) -> None:
         if count > most:
             raise InputError(
-                f"{self._path}: its scene has {count:,} {what} or more, at most {most:,} are read; simplify it"
+                f"{self._path}: its scene has {count:,} {what} and more, at most {most:,} are read; simplify it"
             )
 
     def _read_pieces(self, i: int, mesh: int, weights: tuple[float, ...]) -> Iterator[_Piece]:

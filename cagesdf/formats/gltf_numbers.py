@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Shaped
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.formats.gltf_json import FOREIGN, Accessor, GltfJson, Extensions, at, foreign
+from cagesdf.formats.gltf_json import FOREIGN, Accessor, Extensions, GltfJson, at, foreign
 from cagesdf.formats.obj import MAX_BYTES, read_bounded
 
 DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # by component type
@@ -156,6 +156,7 @@ def _embedded(uri: str, where: str) -> bytes:
     try:
         if not comma:
             raise ValueError("it has no comma")
-        return base64.b64decode(unquote(body), validate=True) if kind.lower().endswith(";base64") else unquote_to_bytes(body)
+        is_base64 = kind.lower().endswith(";base64")
+        return base64.b64decode(unquote(body), validate=True) if is_base64 else unquote_to_bytes(body)
     except (ValueError, binascii.Error) as error:
         raise InputError(f"{where}: its data: URI can't be read ({error}); export it again") from error
