@@ -631,6 +631,23 @@ def test_a_container_that_is_damaged_is_refused(tmp_path: Path) -> None:
     assert len(read_gltf(as_file(whole + b"more", tmp_path))) == 5, "what follows the file is no part of it"
 
 
+def test_names_in_latin_1_and_zeros_behind_the_json_are_read(tmp_path: Path) -> None:
+    """Neither is as the specification wants it; programs write both."""
+    file = Gltf()
+    whole = file.show(file.part(BOX, "St?hle"), file.part(BOX, "T?r")).glb()
+    length = int.from_bytes(whole[12:16], "little")
+    text = (
+        whole[20 : 20 + length]
+        .replace(b"St?hle", b"St\xfchle")
+        .replace(b"T?r", b"T\xfcr")
+        .rstrip()
+        .ljust(length, b"\0")
+    )
+    parts = dict(read_gltf(as_file(whole[:20] + text + whole[20 + length :], tmp_path)))
+    assert list(parts) == ["Stühle", "Tür"]
+    np.testing.assert_array_equal(parts["Tür"].corners(), BOX.corners())
+
+
 def mutated(content: bytes, rng: np.random.Generator) -> bytes:
     """A file with some bytes, numbers or stretches of it changed; lengths in the container are right, mostly."""
     length = int.from_bytes(content[12:16], "little")

@@ -108,7 +108,7 @@ def test_any_name_goes_through_the_stages_and_is_found_by_itself(
             assert select(structure, part) == (part,)
         assert select(structure, "?oo*|*[[]1]") == ("root", "root_", "leg [1]")
     assert {cage.part_ids for cage in read_cages(cuboids).values()} == {wanted}
-    for match in read_matches(matches).values():
+    for match in read_matches(matches):
         assert dict(match.pairs) == {part: part for part in wanted}
     for sequence in read_sequences(sequences).values():
         assert np.isfinite(sequence.cages[-1].vectors()).all()

@@ -174,7 +174,7 @@ class GltfJson(JsonObject):
 def load(path: Path) -> tuple[GltfJson, memoryview | None]:
     """The JSON, and the bytes that a binary file carries. Raises InputError, as for extensions that can't be read."""
     content, binary = _chunks(path, read_bounded(path))
-    text = content.decode(json.detect_encoding(content), errors="replace")
+    text = _decoded(content)
     if (values := sum(map(text.count, ",[{"))) > MAX_VALUES:
         raise InputError(f"{path}: its JSON has about {values:,} values, at most {MAX_VALUES:,} are read; simplify it")
     try:
@@ -221,6 +221,14 @@ def _chunks(path: Path, content: bytes) -> tuple[bytes, memoryview | None]:
         raise _unreadable(path, "its first chunk isn't JSON")
     # Blanks fill the JSON's chunk; some programs take zeros.
     return bytes(chunks[0][1]).rstrip(b" \0"), chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else None
+
+
+def _decoded(content: bytes) -> str:
+    """JSON's text: UTF-8, 16 or 32, with or without a mark; otherwise Latin-1, which programs for Windows write."""
+    try:
+        return content.decode(json.detect_encoding(content))
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def at(entries: tuple[E, ...], i: int, what: str) -> E:
