@@ -144,7 +144,7 @@ def test_an_id_that_is_made_unique_meets_no_other() -> None:
     """The second 7 would be called as the node before it already is."""
     entry = {"id": 0, "label": "x", "children": [leaf("7@2"), leaf(7), leaf(7)]}  # type: ignore[arg-type]
     parts = PartHierarchy.from_dict(entry).parts()
-    assert parts == ("7@2", "7", "7@2_")
+    assert parts == ("7@2", "7", "7@2@2")
 
 
 @pytest.mark.parametrize("parts", [("root",), ("root", "root_"), ("", "root"), ("seat",)])

@@ -32,12 +32,9 @@ def part_names(structure: Structure) -> dict[str, str]:
 def select(structure: Structure, pattern: str) -> tuple[str, ...]:
     """Ids of the parts whose id, name or label is `pattern`: * and ? stand for any letters, any letter, | for or.
 
-    A part that is called exactly so is meant, whatever letters its name has. Raises InputError if one of the
-    alternatives finds none, with the names that there are.
+    Raises InputError if one of the alternatives finds none, with the names that there are.
     """
     names, labels = part_names(structure), structure.labels()
-    if exact := tuple(part for part, name in names.items() if pattern in (part, name, labels[part])):
-        return exact
     found: set[str] = set()
     for alternative in pattern.split("|"):
         own = {part for part, name in names.items() if _called(alternative, part, name, labels[part])}
@@ -48,7 +45,7 @@ def select(structure: Structure, pattern: str) -> tuple[str, ...]:
 
 
 def _called(pattern: str, *words: str) -> bool:
-    return any(word == pattern or fnmatchcase(word, pattern) for word in words)
+    return any(fnmatchcase(word, pattern) for word in words)
 
 
 def parameters(program: AssemblyProgram) -> dict[str, float]:

@@ -5,7 +5,7 @@ the z axis being their cross product; edges name their ends by position among th
 """
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -48,9 +48,12 @@ class PartHierarchy(Structure):
 
     @staticmethod
     def flat(part_ids: tuple[str, ...], labels: tuple[str, ...], category: str) -> "PartHierarchy":
-        """A root with the parts below it: what a plain folder of part meshes tells. A part may be called "root" too."""
+        """A root with the parts below it: what a plain folder of part meshes tells."""
         leaves = tuple(Node(part_id, label, (), (), None) for part_id, label in zip(part_ids, labels))
-        return PartHierarchy(Node(_unused("root", part_ids), category, leaves, (), None))
+        root = "root"
+        while root in part_ids:
+            root += "_"
+        return PartHierarchy(Node(root, category, leaves, (), None))
 
     def _nodes(self) -> dict[str, Node]:
         return {node.node_id: node for node in self.tree.walk()}
@@ -185,8 +188,8 @@ class PartHierarchy(Structure):
             if depth > MAX_DEPTH or len(seen) >= MAX_NODES:
                 raise InputError(f"hierarchy: more than {MAX_DEPTH} levels or {MAX_NODES} nodes at node {path}")
             node_id = str(entry["id"])
-            if node_id in seen:
-                node_id = _unused(f"{node_id}@{path}", seen)
+            while node_id in seen:
+                node_id = f"{node_id}@{path}"
             seen.add(node_id)
             children = tuple(
                 read(child, f"{path}/{i}" if path else str(i), depth + 1)
@@ -196,13 +199,6 @@ class PartHierarchy(Structure):
             return Node(node_id, str(entry.get("label", "")), children, relations, _read_box(entry.get("box"), path))
 
         return PartHierarchy(read(entry, "", 0))
-
-
-def _unused(node_id: str, others: Collection[str]) -> str:
-    """An id with as many _ after it as make it different from the others."""
-    while node_id in others:
-        node_id += "_"
-    return node_id
 
 
 def _read_box(box: Any, path: str) -> Cuboid | None:
