@@ -141,16 +141,16 @@ def spoiled(change: str, folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ("cut", "is no classifier of this project"),
+        ("cut", "is damaged, or no safetensors file"),
         ("not finite", "NaN or infinite"),
         ("missing", "no such file"),
         ("no metadata", "is no classifier of this project"),
         ('{"kind": "run"}', "holds run version 1"),
         ('{"version": 2}', "holds features version 2"),
-        ('{"hidden": 9}', "not of the sizes that it names"),
-        ('{"classes": ["a"]}', "not of the sizes that it names"),
-        ('{"points": 0}', "at least one"),
-        ('{"widths": "wide"}', "is no classifier of this project"),
+        ('{"hidden": 9}', "doesn't hold the weights that are described"),
+        ('{"classes": ["a"]}', "doesn't hold the weights that are described"),
+        ('{"points": 0}', "wanted points from 1 to"),
+        ('{"widths": "wide"}', "wanted widths to be a list"),
         ('{"widths": []}', "at least one"),
     ],
 )
@@ -162,7 +162,7 @@ def test_another_file_or_a_damaged_one_is_refused_by_name(change: str, said: str
 
 
 def test_a_missing_accuracy_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"accuracy\.json: can't be read"):
+    with pytest.raises(InputError, match=r"accuracy\.json: no such file"):
         read_accuracy(tmp_path)
 
 
