@@ -156,8 +156,8 @@ class GeneratedFolder:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The methods that codes were drawn by."""
-        return tuple(dict.fromkeys(method for method, _ in self.rows))
+        """The methods that codes were drawn by, those that no shape came of last."""
+        return tuple(dict.fromkeys([*(method for method, _ in self.rows), *self.about.get("methods", ())]))
 
     def cage(self, method: str, shape_id: str) -> Cage:
         """The cuboids of one shape; none where the arm knows none. Raises InputError if there is no such shape."""
@@ -169,15 +169,28 @@ class GeneratedFolder:
         text = self._row(method, shape_id)["structure"]
         return read_structure(text) if text else None
 
+    def ids(self, method: str) -> tuple[str, ...]:
+        """Ids of a method's shapes, in the index's order."""
+        return tuple(shape_id for name, shape_id in self.rows if name == method)
+
     def points(self, method: str) -> dict[str, Float32[ndarray, "n 3"]]:
-        """Points on the surfaces of a method's shapes, by shape id; none of those that have no surface."""
-        table = POINTS.open(self.folder / "points.parquet").read()
+        """Points on the surfaces of a method's shapes, by shape id, in the index's order; none without a surface.
+
+        Raises InputError if they aren't those of the index's shapes.
+        """
+        path = self.folder / "points.parquet"
+        table = POINTS.open(path).read()
         columns = (table[name] for name in ("method", "shape_id", "points"))
-        return {
+        found = {
             str(shape_id): points.values.to_numpy().reshape(-1, 3)
             for own, shape_id, points in zip(*columns)
             if str(own) == method
         }
+        ids = self.ids(method)
+        if found.keys() != {*ids}:
+            odd = min(found.keys() ^ {*ids})
+            raise InputError(f"{path}: shape {odd!r} of method {method!r} is in it or in index.parquet, wanted in both")
+        return {shape_id: found[shape_id] for shape_id in ids}
 
     def surface(self, method: str, shape_id: str) -> Mesh:
         """The surface of one shape, without faces where it has none. Raises InputError if there is no such shape."""
