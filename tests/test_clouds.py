@@ -148,5 +148,5 @@ def test_without_any_training_cloud_the_stage_fails(
 
     monkeypatch.setenv("CAGESDF_WORKERS", "1")
     monkeypatch.setattr(make_clouds, "sampled", none)
-    with pytest.raises(InputError, match="none of its training shapes became a cloud.*vase_0000, bad luck"):
+    with pytest.raises(InputError, match=r"none of its training shapes became a cloud.*vase_0000, bad luck"):
         make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "none", PARAMS)

@@ -66,7 +66,7 @@ def write_inputs(folder: Path, others: list[Mesh], made: dict[str, dict[str, lis
     for arm, methods in made.items():
         with artefact.write("generated", folder / "generated" / "stool" / arm, inputs={}, params=params) as out:
             shapes = [shape(name, i, mesh) for name, some in methods.items() for i, mesh in enumerate(some)]
-            write_generated(out, shapes, {"methods": dict.fromkeys(methods, {})})
+            write_generated(out, shapes, {"methods": {name: {} for name in methods}})
     return folder
 
 

@@ -32,7 +32,7 @@ KEYS = (
 )
 INDEX = Layout(
     "generated",
-    1,
+    2,
     (
         *KEYS,
         Column("seed", pa.int64(), "that it was drawn with"),
@@ -40,6 +40,7 @@ INDEX = Layout(
         Column("structure", pa.string(), "JSON: a placed program, or a part hierarchy; empty without cuboids"),
         Column("part_ids", pa.list_(pa.string()), "in the structure's order"),
         Column("cuboids", pa.list_(pa.float64()), "of each part in turn: centre (3), axes by rows (9), lengths (3)"),
+        Column("floating", pa.int32(), "cuboids that were drawn attached to nothing, and left out"),
         Column("latent", pa.list_(pa.float32()), "the code"),
         Column("effective", pa.float64(), "1 / sum of the squared weights that its code's kernel was drawn by"),
         Column("status", pa.string(), f"{OK}; {EMPTY}: the network says outside everywhere; {BROKEN}: and why"),
@@ -82,6 +83,7 @@ class GeneratedShape:
     draw: int  # number of its cage's draw
     structure: Structure | None  # canonical; None where the arm knows no cuboids
     cage: Cage  # canonical; no cuboids where the arm knows none
+    floating: int  # cuboids that were drawn attached to nothing, and left out
     latent: Float32[ndarray, " d"]
     effective: float  # number of kernels that its code could be from
     status: str  # OK, EMPTY, or BROKEN and why
@@ -103,6 +105,7 @@ class GeneratedShape:
             "structure": self.structure.to_json() if self.structure is not None else "",
             "part_ids": list(self.cage.part_ids),
             "cuboids": self.cage.vectors().ravel(),
+            "floating": self.floating,
             "latent": self.latent,
             "effective": self.effective,
             "status": self.status,
