@@ -182,6 +182,9 @@ def test_draws_are_disjoint_and_as_many_as_there_are() -> None:
     for draw in draws:
         assert draw.within == pytest.approx(chamfer(some.points[draw.rows], some.points[draw.rows])[1])
     assert len(drawn(some, 3, 2, rng)) == 2
+    again, others = (drawn(some, 3, 5, np.random.default_rng(seed)) for seed in (1, 2))
+    assert [draw.rows.tolist() for draw in again] != [draw.rows.tolist() for draw in others], "chance decides"
+    assert sorted(rows.tolist()) != rows.tolist()
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import toy
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds
+from cagesdf.evaluation.generation import Described, drawn
 from cagesdf.evaluation.table3 import REAL, gather_generation
 from cagesdf.io.clouds import write_clouds
 from cagesdf.io.features import Features, write_features
@@ -235,3 +236,34 @@ def test_a_set_that_could_not_be_scored_stops_the_stage(
     monkeypatch.setattr(evaluate_generation, "score_one", fail)
     with pytest.raises(ShapeRejected, match="bad luck"):
         run(inputs, tmp_path / "stool")
+
+
+def test_the_floor_compares_each_draw_with_the_other_references_and_the_other_draws() -> None:
+    rng = np.random.default_rng(0)
+    train, reference = (
+        Described(rng.normal(size=(n, 20, 3)).astype(np.float32), rng.normal(size=(n, 4)), np.zeros(n, bool))
+        for n in (7, 11)
+    )
+    draws = drawn(reference, 3, 3, rng)
+    tasks = list(evaluate_generation.tasks_of({}, (train, 0.25), (reference, 0.75), draws, PARAMS))
+    assert [task.key for task in tasks] == [(REAL, "training", 0), *((REAL, "drawn", i) for i in range(3))]
+
+    def rows_in(shapes: Described, whole: Described) -> list[int]:
+        same = (shapes.points[:, None] == whole.points[None]).all(axis=(2, 3))
+        assert (same.sum(axis=1) == 1).all()
+        assert (shapes.features == whole.features[same.argmax(axis=1)]).all()
+        return same.argmax(axis=1).tolist()
+
+    copies, *floors = tasks
+    assert len(set(rows_in(copies.shapes, train))) == 3
+    assert (copies.recognised, copies.reference, copies.draws) == (0.25, reference, draws)
+    for task, draw in zip(floors, draws):
+        chosen, others = rows_in(task.shapes, reference), rows_in(task.reference, reference)
+        assert chosen == draw.rows.tolist()
+        assert sorted(chosen + others) == list(range(11)), "none is compared with itself"
+        assert task.recognised == 0.75
+        rest = [other for other in draws if other is not draw]
+        assert len(task.draws) == len(rest) == 2
+        for moved, other in zip(task.draws, rest):
+            assert rows_in(task.reference.of(moved.rows), reference) == other.rows.tolist()
+            np.testing.assert_array_equal(moved.within, other.within)
