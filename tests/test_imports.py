@@ -61,6 +61,7 @@ TORCH = {
     "io/fits.py",
     "io/generators.py",
     "io/runs.py",
+    "io/weights.py",
     "editing/session.py",
     "cli",
 }

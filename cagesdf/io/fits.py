@@ -11,15 +11,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import safetensors
 from jaxtyping import Float
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 from torch import Tensor
 
 from cagesdf.errors import InputError
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.meshes import write_ply
+from cagesdf.io.weights import read_header, read_tensors
 from cagesdf.meshes import Mesh
 
 FILES = ("cuboids.parquet", "programs.parquet", "latent.safetensors", "surface.ply", "report.json")
@@ -48,11 +48,10 @@ def read_fit_latent(folder: Path) -> tuple[Float[Tensor, " d"], Float[Tensor, "p
     path = folder / LATENT
     if not path.is_file():
         raise InputError(f"{path}: no such file; wanted a folder that `cagesdf fit` wrote")
-    try:
-        tensors = load_file(path)
-    except safetensors.SafetensorError as error:
-        raise InputError(f"{path}: is damaged ({error}); run `cagesdf fit` again") from error
-    sizes = {name: tuple(tensor.shape) for name, tensor in sorted(tensors.items())}
+    sizes, _ = read_header(path)
     if {name: len(size) for name, size in sizes.items()} != {"film": 4, "latent": 1} or sizes["film"][2] != 2:
-        raise InputError(f"{path}: holds {sizes}, wanted latent (d) and film (p, l, 2, h); run `cagesdf fit` again")
+        raise InputError(
+            f"{path}: holds {str(sizes)[:200]}, wanted latent (d) and film (p, l, 2, h); run `cagesdf fit` again"
+        )
+    tensors = read_tensors(path, sizes)
     return tensors["latent"], tensors["film"]

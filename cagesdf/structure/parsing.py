@@ -96,6 +96,8 @@ def parse(text: str, source: str = "program") -> AssemblyProgram:
 def read_program(path: Path) -> AssemblyProgram:
     """Parse a file. Raises ProgramError as `parse` does, and for a file that is missing, too large or no text."""
     try:
+        if path.exists() and not path.is_file():
+            raise ProgramError(str(path), 0, "", "wanted a text file with a program, this is a folder or a device")
         if path.stat().st_size > 4 * MAX_CHARACTERS:
             raise ProgramError(str(path), 0, "", f"at most {MAX_CHARACTERS:,} characters")
         return parse(path.read_text(encoding="utf-8-sig"), str(path))
