@@ -9,17 +9,18 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import PipelineError
 from pipeline.params import Params
 
 MANIFEST = "manifest.json"
 
 
-class ArtefactError(ValueError):
+class ArtefactError(PipelineError):
     """An artefact that is missing, incomplete, of another kind or of another format."""
 
 
@@ -80,14 +81,12 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
-def inside(folder: Path, kind: str) -> dict[str, Path]:
-    """The artefacts of a kind in a folder, by name, sorted. Raises ArtefactError if there is none, or another one."""
-    found = {path.name: path for path in sorted(folder.glob("*")) if (path / MANIFEST).is_file()}
-    kinds = {name: read_manifest(path)["kind"] for name, path in found.items()}
-    if set(kinds.values()) != {kind}:
-        got = ", ".join(f"{name}: {other}" for name, other in kinds.items() if other != kind) or "no artefact"
-        raise ArtefactError(f"{folder}: wanted folders of kind {kind!r}, got {got}; check the order of the paths")
-    return found
+def inside(folder: Path, names: Iterable[str], kind: str, version: int) -> dict[str, Path]:
+    """The artefacts of these names in a folder, sorted; what else lies there, of other runs, is left alone.
+
+    Raises ArtefactError for one that is missing, of another kind or of another format.
+    """
+    return {name: _checked(folder / name, kind, version) for name in sorted(names)}
 
 
 def _checked(path: Path, kind: str, version: int) -> Path:

@@ -2,23 +2,31 @@
 
 The schema has no defaults: every value stands in the file, because `pipeline/` is not among
 the stages' `deps` and a default changed here would leave stale results. Values that change no
-result (workers, device) are not parameters; `stage.py` takes them from the environment.
+result (workers, device) are not parameters; `executor.py` takes them from the environment.
+
+A stage that reads a folder for each category or arm has the names in its parameters: they are those under `run`, which
+alone has them in the file, and `dvc.yaml` lists them among the stage's `params`.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.errors import PipelineError
+
 Count = Annotated[int, Field(ge=1)]
 Natural = Annotated[int, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Name = Annotated[str, Field(pattern=r"^\w[\w.-]*$")]  # of a folder
+Names = Annotated[tuple[Name, ...], Field(min_length=1)]
 
 
-class ParamsError(ValueError):
+class ParamsError(PipelineError):
     """Parameters that are missing, unknown or of the wrong type; the message names all of them."""
 
 
@@ -130,7 +138,7 @@ class TrainParams(Params):
     latent_learning_rate: Positive
     schedule: Literal["cosine", "halve"]  # to zero, or halved every `halve_every` steps
     halve_every: Count
-    precision: Literal["float32", "bfloat16"]  # of the matrix products; weights are float32
+    precision: Literal["auto", "float32", "bfloat16"]  # of the matrix products; auto: as the processor has it
     checkpoint_every: Count  # steps
     log_every: Count  # steps
     snapshots: tuple[Count, ...]  # after so many steps what was trained is kept too, for evaluate_progress
@@ -155,6 +163,7 @@ class EvaluateParams(Params):
     points: Count  # on each surface, for each seed
     detail: Positive  # true surface further than this share of the longest side from the cage counts as detail
     seeds: tuple[Natural, ...]  # figures are averaged over these
+    arms: Names  # run's
 
 
 class ProgressParams(Params):
@@ -165,6 +174,7 @@ class ProgressParams(Params):
     points: Count  # on each surface
     detail: Positive  # as evaluate's
     seed: Natural
+    arms: Names  # run's
 
 
 class TrialsParams(Params):
@@ -189,6 +199,7 @@ class EditsParams(Params):
     outside: Literal["union", "constant"]
     overlap: Literal["deepest", "union", "blend"]
     loose: Literal["keep", "drop"]
+    arms: Names  # run's
 
 
 class GenerateParams(Params):
@@ -236,6 +247,7 @@ class GenerationParams(Params):
     points: Count  # of each cloud, for Chamfer distances; features have all that the classifier takes
     draws: Count  # of as many references as there are generated shapes, at most
     seed: Natural
+    generators: Names  # run's
 
 
 class ReportParams(Params):
@@ -244,7 +256,9 @@ class ReportParams(Params):
     shapes: Count  # a category, in the comparison picture
     generated: Count  # of each method
     image_size: Count  # pixels along each side of one cell
-    rates: dict[str, Positive]  # points a second that an arm trains on, for the time axis; benchmarks/training.py
+    categories: Names  # run's
+    arms: Names  # run's
+    generators: Names  # run's
 
 
 SECTIONS: dict[str, type[Params]] = {
@@ -269,14 +283,17 @@ SECTIONS: dict[str, type[Params]] = {
 }
 
 
+LISTS = ("categories", "arms", "generators")  # of run, that stages' parameters hold
+
+
 class RunParams(BaseModel):
     """What the DVC graph is multiplied by, and where its code lies."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    categories: tuple[str, ...]
-    arms: tuple[str, ...]
-    generators: tuple[str, ...]  # those of the arms that new shapes are made with
+    categories: Names
+    arms: Names
+    generators: Names  # those of the arms that new shapes are made with
     code: str  # path of the project's root from the folder of params.yaml
 
 
@@ -323,11 +340,14 @@ def check(path: Path) -> dict[str, Params]:
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     run = validate("run", RunParams, content["run"])
+    named = run.model_dump(exclude={"code"}) if run else dict.fromkeys(LISTS, ("unknown",))
     for name, model in SECTIONS.items():
         values = content[name]
-        sections[name] = validate(
-            name, model, {"format": content["format"], **values} if isinstance(values, dict) else values
-        )
+        if isinstance(values, dict):
+            lists = {key: names for key, names in named.items() if key in model.model_fields}
+            problems += [f"{name}.{key}: stands under run" for key in lists if key in values]
+            values = {"format": content["format"], **values, **lists}
+        sections[name] = validate(name, model, values)
     arms = content["arms"] if isinstance(content["arms"], dict) else {}
     for name, differences in arms.items():
         merged = {"format": content["format"], **content["train"], **(differences or {})}
@@ -339,6 +359,25 @@ def check(path: Path) -> dict[str, Params]:
     if run is not None:
         problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
         problems += [f"run.generators: no arm {name!r} in run.arms" for name in run.generators if name not in run.arms]
+        problems += [f"run.{key}: names one twice" for key, names in named.items() if len({*names}) < len(names)]
+    problems = problems or list(contradictions(sections))
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     return sections
+
+
+def contradictions(sections: dict[str, Any]) -> Iterator[str]:
+    """What is wrong with sections that are each right: what their stages would say hours later, or never."""
+    deform, features, clouds = (sections[name] for name in ("deform_sequences", "train_features", "make_clouds"))
+    if not {*deform.held_out} <= {*range(1, deform.steps)}:
+        yield f"deform_sequences.held_out: got {deform.held_out}, wanted steps among 1 to {deform.steps - 1}"
+    for name in ("make_clouds", "generate"):
+        got = sections[name].points
+        for needed, wanted in (
+            ("train_features", 0 if features.weights else features.points),  # weights bring a number of their own
+            ("evaluate_generation", sections["evaluate_generation"].points),
+        ):
+            if got < wanted:
+                yield f"{name}.points: got {got}, wanted at least {needed}.points, {wanted}"
+    if clouds.seed == sections["synthesize"].seed:
+        yield f"make_clouds.seed: got {clouds.seed}, wanted another than synthesize.seed: references must be new shapes"

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds
 from cagesdf.evaluation.generation import (
     FIGURES,
@@ -49,11 +49,11 @@ class Task:
 
 
 def main(generated: Path, clouds: Path, features: Path, out: Path, params: GenerationParams) -> None:
-    """Read the shapes of all arms, `clouds/` and `features/`, write `generation/`.
+    """Read the shapes of all generators, `clouds/` and `features/`, write `generation/`.
 
     There are no figures where there are fewer than four references: own data with hardly any validation shapes.
     """
-    arms = artefact.inside(generated, "generated")
+    arms = artefact.inside(generated, params.generators, "generated", params.format)
     manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
     inputs = {"clouds": clouds, "features": features}
     with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:
@@ -178,4 +178,4 @@ def sizes(sets: dict[str, Clouds], size: int, points: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

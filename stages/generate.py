@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 
+from cagesdf.errors import InputError
 from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
 from cagesdf.generating import (
     STABILITIES,
@@ -90,4 +91,4 @@ def summary(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any], method:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -53,4 +53,4 @@ def lost(source: ShapeSource, reason: str) -> ShapeRejected:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.io.clouds import write_clouds
 from cagesdf.io.shapes import ShapeFolder, read_shapes
@@ -60,4 +60,4 @@ def points_of(source: ShapeFolder, params: CloudsParams, item: str | Recipe) -> 
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.io.features import Features, read_features, write_features
 from cagesdf.models.pointnet import make_classifier
@@ -87,4 +87,4 @@ def told(accuracy: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

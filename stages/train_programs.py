@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from cagesdf.cuboid import Cage
-from cagesdf.errors import ProgramError, ShapeRejected
+from cagesdf.errors import InputError, ProgramError, ShapeRejected
 from cagesdf.generation.checks import Figures, rebuilding_figures, sample_figures
 from cagesdf.generation.novelty import reach_of
 from cagesdf.generation.programs import ProgramGenerator
@@ -100,4 +100,4 @@ def reasons(failures: Mapping[str, int]) -> str:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

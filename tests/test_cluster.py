@@ -13,6 +13,7 @@ from distributed import Client, LocalCluster
 
 from cagesdf.errors import ShapeRejected
 from pipeline import SampleParams, load, parallel_map, processes
+from pipeline.errors import WorkerError
 from stages import import_shapes, sample_points, synthesize
 
 pytestmark = pytest.mark.slow
@@ -98,20 +99,20 @@ def test_any_other_exception_stops_the_map(cluster: str) -> None:
 
 def test_workers_with_other_code_are_refused(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "code_digest", lambda: "edited since")
-    with pytest.raises(RuntimeError, match=r"started with other code.*restart the workers"):
+    with pytest.raises(WorkerError, match=r"started with other code.*restart the workers"):
         parallel_map(shout_or_die, ["a"], rejects=ShapeRejected, label="test")
 
 
 def test_a_folder_that_workers_do_not_see_is_named(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "cwd", lambda: Path("/nowhere/project"))
-    with pytest.raises(RuntimeError, match=r"/nowhere/project.*shared file system"):
+    with pytest.raises(WorkerError, match=r"/nowhere/project.*shared file system"):
         parallel_map(shout_or_die, ["a"], rejects=ShapeRejected, label="test")
 
 
 def test_an_address_without_a_cluster_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_DASK", "tcp://127.0.0.1:1")
     monkeypatch.setattr(processes, "WORKER", 1)
-    with pytest.raises(RuntimeError, match=r"CAGESDF_DASK=tcp://127\.0\.0\.1:1: no scheduler"):
+    with pytest.raises(WorkerError, match=r"CAGESDF_DASK=tcp://127\.0\.0\.1:1: no scheduler"):
         parallel_map(shout_or_die, ["a"], rejects=ShapeRejected, label="test")
 
 
@@ -126,7 +127,7 @@ def test_a_stage_whose_workers_are_all_gone_stops(monkeypatch: pytest.MonkeyPatc
         monkeypatch.setenv("CAGESDF_DASK", cluster.scheduler_address)
         gone = Timer(2, cluster.scale, [0])
         gone.start()
-        with pytest.raises(RuntimeError, match=r"no worker for 5 s; start workers"):
+        with pytest.raises(WorkerError, match=r"no worker for 5 s; start workers"):
             parallel_map(sleep, [60.0], rejects=ShapeRejected, label="test")
         gone.join()
 
@@ -134,5 +135,5 @@ def test_a_stage_whose_workers_are_all_gone_stops(monkeypatch: pytest.MonkeyPatc
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_DASK", "tcp://127.0.0.1:1")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(RuntimeError, match=r"pip install 'cagesdf\[dask\]'"):
+    with pytest.raises(WorkerError, match=r"pip install 'cagesdf\[dask\]'"):
         parallel_map(shout_or_die, ["a"], rejects=ShapeRejected, label="test")

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from cagesdf.errors import ShapeRejected
+from pipeline.errors import SettingError, WorkerError
 from pipeline.executor import counter, device, item_rng, item_seconds, parallel_groups, parallel_map, workers
 
 
@@ -86,7 +87,7 @@ def test_an_item_that_kills_its_process_or_hangs_is_rejected_and_the_others_go_o
 
 def test_an_item_that_kills_its_process_is_named_where_none_may_be_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_WORKERS", "2")
-    with pytest.raises(RuntimeError, match="test: 'exit' killed its process twice"):
+    with pytest.raises(WorkerError, match="test: 'exit' killed its process twice"):
         parallel_map(misbehave, ["a", "exit", "b"], rejects=ShapeRejected, label="test")
 
 
@@ -109,10 +110,10 @@ def test_processes_that_died_between_two_maps_are_replaced(monkeypatch: pytest.M
 
 def test_a_wrong_number_of_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_WORKERS", "two")
-    with pytest.raises(ValueError, match=r"CAGESDF_WORKERS.*'two'"):
+    with pytest.raises(SettingError, match=r"CAGESDF_WORKERS.*'two'"):
         workers()
     monkeypatch.setenv("CAGESDF_ITEM_SECONDS", "-5")
-    with pytest.raises(ValueError, match=r"CAGESDF_ITEM_SECONDS.*'-5'"):
+    with pytest.raises(SettingError, match=r"CAGESDF_ITEM_SECONDS.*'-5'"):
         item_seconds()
 
 

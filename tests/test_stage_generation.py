@@ -19,7 +19,7 @@ from pipeline import GenerationParams, Params, artefact
 from pipeline.artefact import ArtefactError
 from stages import evaluate_generation
 
-PARAMS = GenerationParams(format=1, points=40, draws=2, seed=11)
+PARAMS = GenerationParams(format=1, points=40, draws=2, seed=11, generators=("cagesdf", "deepsdf"))
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
 TRAIN = [toy.box([0, 0, 0], [1, 0.5 + 0.1 * i, 0.3]) for i in range(6)]
 OTHERS = [toy.box([0, 0, 0], [1, 0.55 + 0.07 * i, 0.35]) for i in range(10)]
@@ -142,8 +142,14 @@ def test_without_references_there_are_no_figures(tmp_path: Path, monkeypatch: py
     assert gather_generation({"stool": (rows, about)})["categories"]["stool"]["methods"] == []
 
 
+def test_only_the_generators_that_are_run_are_measured_whatever_else_lies_there(inputs: Path, tmp_path: Path) -> None:
+    places = (inputs / "generated" / "stool", inputs / "clouds" / "stool", inputs / "features")
+    evaluate_generation.main(*places, tmp_path / "out", PARAMS.model_copy(update={"generators": ("deepsdf",)}))
+    assert {row["arm"] for row in read_generation(tmp_path / "out")[0]} == {"deepsdf", REAL}
+
+
 def test_clouds_in_the_place_of_generated_shapes_are_refused(inputs: Path, tmp_path: Path) -> None:
-    with pytest.raises(ArtefactError, match="wanted folders of kind 'generated'"):
+    with pytest.raises(ArtefactError, match=r"clouds.cagesdf: no such folder"):
         evaluate_generation.main(
             inputs / "clouds", inputs / "clouds" / "stool", inputs / "features", tmp_path / "out", PARAMS
         )
