@@ -74,7 +74,7 @@ def test_a_stage_lists_the_format_and_its_own_parameters(stage: str) -> None:
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_command_runs_its_own_stage_on_paths_that_are_deps_and_outs(stage: str) -> None:
-    words = GRAPH[stage]["cmd"].replace('"', "").split()
+    words = GRAPH[stage]["cmd"].split()
     assert words[:3] == ["python", "-m", f"stages.{stage}"]
     paths = [word for word in words[3:] if word.startswith("data/")]
     entries = [*GRAPH[stage].get("outs", []), *GRAPH[stage].get("metrics", [])]
