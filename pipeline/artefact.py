@@ -112,11 +112,20 @@ def digest_file(path: Path) -> str:
 
 
 def digest_tree(path: Path) -> str:
-    """One digest of all files below a folder, names included; of a file's bytes if it is one."""
+    """One digest of all files below a folder, names included, also behind links; of a file's bytes if it is one."""
     if path.is_file():
         return digest_file(path)
     total = hashlib.sha256()
-    for item in sorted(path.rglob("*")):
-        if item.is_file():
-            total.update(f"{item.relative_to(path).as_posix()}\0{digest_file(item)}\n".encode())
+    for item in sorted(_files(path, frozenset())):
+        total.update(os.fsencode(f"{item.relative_to(path).as_posix()}\0{digest_file(item)}\n"))
     return total.hexdigest()
+
+
+def _files(folder: Path, above: frozenset[Path]) -> Iterator[Path]:
+    """The files below a folder. A link to one of the folders `above` it, which would never end, is passed over."""
+    real = folder.resolve()
+    for item in folder.iterdir() if real not in above else ():
+        if item.is_dir():
+            yield from _files(item, above | {real})
+        elif item.is_file():
+            yield item

@@ -297,6 +297,29 @@ class RunParams(BaseModel):
     code: str  # path of the project's root from the folder of params.yaml
 
 
+def read_yaml(content: bytes, source: str) -> dict[str, Any]:
+    """A YAML file's mapping of sections; UTF-8 or UTF-16, an empty file is an empty one.
+
+    Raises ParamsError in one line with the file's name `source` and, where YAML breaks, line and column.
+    """
+    try:
+        mapping = yaml.safe_load(content)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise ParamsError(f"{source}{place}: is not YAML ({error.problem or error.context})") from error
+    except yaml.reader.ReaderError as error:
+        before = content[: error.position]
+        place = f"line {before.count(10) + 1}, column {len(before) - before.rfind(10)}"
+        raise ParamsError(f"{source}, {place}: is not YAML ({error.reason})") from error
+    # A value that isn't of its tag's kind, such as the date 2024-13-01, and brackets nested too deeply.
+    except (ValueError, LookupError, AttributeError, RecursionError) as error:
+        raise ParamsError(f"{source}: is not YAML ({error})") from error
+    if mapping is not None and not isinstance(mapping, dict):
+        raise ParamsError(f"{source}: wanted a mapping of sections, got {type(mapping).__name__}")
+    return mapping or {}
+
+
 def load(section: str, path: Path = Path("params.yaml")) -> Any:
     """The parameters of one section: a stage's name, or `arms.<name>`.
 
@@ -312,13 +335,9 @@ def load(section: str, path: Path = Path("params.yaml")) -> Any:
 def check(path: Path) -> dict[str, Params]:
     """All sections of a parameter file, arms merged with `train`. Raises ParamsError as `load` does."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = read_yaml(path.read_bytes(), str(path))
     except OSError as error:
         raise ParamsError(f"{path}: can't be read ({error.strerror}); run in a folder with a params.yaml") from error
-    except yaml.YAMLError as error:
-        raise ParamsError(f"{path}: is not YAML ({error})") from error
-    if not isinstance(content, dict):
-        raise ParamsError(f"{path}: wanted a mapping of sections, got {type(content).__name__}")
     problems: list[str] = []
     sections: dict[str, Params] = {}
 
@@ -348,8 +367,13 @@ def check(path: Path) -> dict[str, Params]:
             problems += [f"{name}.{key}: stands under run" for key in lists if key in values]
             values = {"format": content["format"], **values, **lists}
         sections[name] = validate(name, model, values)
-    arms = content["arms"] if isinstance(content["arms"], dict) else {}
+    arms = content["arms"] if isinstance(content["arms"], dict) and isinstance(content["train"], dict) else {}
+    if not isinstance(content["arms"], dict):
+        problems.append(f"arms: wanted a mapping, got {content['arms']!r}")
     for name, differences in arms.items():
+        if not isinstance(differences or {}, dict):
+            problems.append(f"arms.{name}: wanted a mapping of differences from train, got {differences!r}")
+            continue
         merged = {"format": content["format"], **content["train"], **(differences or {})}
         before = len(problems)
         sections[f"arms.{name}"] = validate(f"arms.{name}", TrainParams, merged)

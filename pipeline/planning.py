@@ -167,7 +167,7 @@ def training_steps(params: Any) -> int:
 def _measured(
     stage: str, command: str, category: str, arm: str, sections: dict[str, Any], clock: Callable[[], float]
 ) -> Measured:
-    words = command.replace("${item.category}", category).replace("${item.arm}", arm).replace('"', "").split()
+    words = command.replace("${item.category}", category).replace("${item.arm}", arm).split()
     section = words[words.index("--params") + 1] if "--params" in words else stage
     words = words[3 : words.index("--params")] if "--params" in words else words[3:]
     run = _module(stage).main

@@ -13,7 +13,7 @@ from test_cli import Command
 
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
-from cagesdf.formats.listing import find_shapes
+from cagesdf.formats.listing import find_shape
 from cagesdf.meshes import Mesh
 
 command = test_cli.command  # the fixture
@@ -50,11 +50,24 @@ def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command:
     assert lines[1:] == ["holed: repaired 1 capped of 2 parts", "sound: passed"]
 
 
-def test_check_takes_files_folders_of_parts_and_folders_of_shapes(command: Command, tmp_path: Path) -> None:
+def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command, tmp_path: Path) -> None:
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
-    out = command("check", tmp_path / "one.ply", tmp_path / "all" / "holed", tmp_path / "all" / "sound" / "seat.obj")
-    assert out.splitlines() == ["one: passed", "holed: repaired 1 capped of 2 parts", "seat: passed"]
+    out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
+    assert out.splitlines() == ["one: passed", "seat: passed"]
+    assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
+        "holed: repaired 1 capped of 2 parts",
+        "sound: passed",
+    ]
+
+
+def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: Command, tmp_path: Path) -> None:
+    for name in ("a.ply", "b.stl", "c.off"):
+        write_ply(tmp_path / name, BOX)
+    lines = command("check", tmp_path).splitlines()
+    assert lines[0].startswith("not read: c.off; ")
+    assert lines[1].startswith("each mesh file is a shape; ")
+    assert lines[2:] == ["a: passed", "b: repaired 1 merged of 1 parts"]
 
 
 def test_check_says_each_shape_as_it_is_done(
@@ -199,12 +212,13 @@ def test_sdf_refuses_other_places_shapes_and_names(command: Command, tmp_path: P
     assert not out.exists()
 
 
-def test_meshes_side_by_side_are_one_shape_and_folders_are_shapes(tmp_path: Path) -> None:
+def test_a_folder_of_meshes_is_one_shape_where_one_is_wanted(tmp_path: Path) -> None:
     write_shapes(tmp_path / "all")
-    assert [source.shape_id for source in find_shapes(tmp_path / "all")] == ["bad", "holed", "sound"]
-    (source,) = find_shapes(tmp_path / "all" / "holed")
+    source = find_shape(tmp_path / "all" / "holed")
     assert (source.shape_id, source.path) == ("holed", tmp_path / "all" / "holed")
     (tmp_path / "text.txt").write_text("no mesh")
     for path in ("text.txt", "none"):
         with pytest.raises(InputError, match="wanted one"):
-            find_shapes(tmp_path / path)
+            find_shape(tmp_path / path)
+    with pytest.raises(InputError, match="holds 3 shapes, such as bad; name one"):
+        find_shape(tmp_path / "all")

@@ -101,7 +101,8 @@ def test_a_folder_of_part_meshes_without_partners_goes_all_the_way(tmp_path: Pat
     settings = workspace.merged(workspace.profile_settings("own"), tiny)
     settings = workspace.merged(settings, {"run": {"categories": ["stool"]}, "import_shapes": {"up": "z"}})
     folder = tmp_path / "own"
-    workspace.make_workspace(folder, settings, workspace.own_graph(GRAPH, tmp_path / "stools"))
+    linked = workspace.link_data(folder, "stool", tmp_path / "stools")
+    workspace.make_workspace(folder, settings, workspace.own_graph(GRAPH, linked))
     output = repro(folder)
     assert "train@stool-cagesdf" in stages_run(output)
     assert "broken" in output, "the summary names what was rejected"

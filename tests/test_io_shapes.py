@@ -83,7 +83,7 @@ def test_rejected_shapes_are_rows_until_they_are_too_many(tmp_path: Path) -> Non
     rejected = [ShapeRejected(name, "test", f"{name} is bad") for name in "ba"]
     write_rejected(tmp_path, rejected, total=10, max_rejected=0.2)
     assert read_rejected(tmp_path) == {"a": "a is bad", "b": "b is bad"}
-    with pytest.raises(InputError, match=r"2 of 10 shapes rejected, at most 10%(.|\n)*a is bad"):
+    with pytest.raises(InputError, match=r"2 of 10 shapes rejected, at most 1 wanted(.|\n)*a is bad"):
         write_rejected(tmp_path, rejected, total=10, max_rejected=0.1)
     with pytest.raises(InputError, match="2 of 2"):
         write_rejected(tmp_path, rejected, total=2, max_rejected=1.0)

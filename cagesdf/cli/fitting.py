@@ -102,14 +102,11 @@ def settings_of() -> "FitSettings":
 
 def imported(source: Path) -> "Shape":
     """The one shape of a source. Raises InputError if there are others, or it can't be used."""
-    from cagesdf.formats.listing import find_shapes, read_shape
+    from cagesdf.formats.listing import find_shape, read_shape
     from cagesdf.importing import import_shape
 
-    found = find_shapes(source)
-    if len(found) != 1 or found[0].path.resolve() != source.resolve():
-        raise InputError(f"{source}: holds {len(found):,} shapes, such as {found[0].shape_id}; name one")
     try:
-        return import_shape(read_shape(found[0]), **IMPORT)
+        return import_shape(read_shape(find_shape(source)), **IMPORT)
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
 

@@ -18,15 +18,18 @@ IMPORT: dict[str, Any] = {
 MAX_POINTS = 20_000_000
 
 
-def check(*sources: Path) -> None:
+def check(*sources: Path, include: str = "*") -> None:
     """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
 
-    Exit status 1 if any was rejected.
+    A folder's shapes are those that `make own` would take; what else is in it is said first. Exit status 1 if any
+    was rejected.
 
     Parameters
     ----------
     sources
-        Mesh files, folders of part meshes, PartNet shapes, and folders of any of these.
+        Folders of shapes (DATA of `make own`), PartNet shapes, and mesh files.
+    include
+        Glob over the names of a folder's shapes (INCLUDE of `make own`).
     """
     from cagesdf.errors import ShapeRejected
     from cagesdf.formats.listing import find_shapes, read_shape
@@ -34,7 +37,10 @@ def check(*sources: Path) -> None:
 
     if not sources:
         raise InputError("wanted mesh files or folders. See cagesdf --help.")
-    found = [shape for source in sources for shape in find_shapes(source)]
+    listings = [find_shapes(source, include) for source in sources]
+    for note in (note for listing in listings for note in listing.notes):
+        print(note)
+    found = [shape for listing in listings for shape in listing]
     rejected = 0
     for source in found:
         try:
@@ -64,18 +70,15 @@ def sdf(source: Path, points: Path, out: Path, /) -> None:
     import numpy as np
 
     from cagesdf.errors import ShapeRejected
-    from cagesdf.formats.listing import find_shapes, read_shape
+    from cagesdf.formats.listing import find_shape, read_shape
     from cagesdf.importing import import_shape, repair_report, signed_distances
 
     if out.suffix.lower() != ".npy" or out.resolve() == points.resolve():
         raise InputError(f"{out}: wanted a name that ends in .npy, and not that of the points")
     check_folder(out)
     places = _read_points(points)
-    found = find_shapes(source)
-    if len(found) != 1 or found[0].path.resolve() != source.resolve():
-        raise InputError(f"{source}: holds {len(found):,} shapes, such as {found[0].shape_id}; name one")
     try:
-        shape = import_shape(read_shape(found[0]), **IMPORT)
+        shape = import_shape(read_shape(find_shape(source)), **IMPORT)
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
     distances = signed_distances(shape, places).astype(np.float32)

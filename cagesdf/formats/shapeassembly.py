@@ -18,12 +18,6 @@ IDS = re.compile(rb"[\r\n]*[\w.@-][\w.@\r\n-]*")
 HEAD = 65_536  # bytes by which a list of ids is known
 
 
-def find_program(category: Path, shape_id: str) -> Path | None:
-    """The program of a shape, in a folder `<anything>_programs` beside the shapes'; None if there is none."""
-    paths = sorted(category.glob(f"*{SUFFIX}/{shape_id}.txt"))
-    return paths[0] if paths else None
-
-
 def read_assembly(
     program: Path, shape_id: str, split: str, candidates: Sequence[Candidate], meshes: Mapping[str, Mesh]
 ) -> RawShape:
