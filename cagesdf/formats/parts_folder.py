@@ -5,6 +5,7 @@ structure is flat; labels are the letters in the parts' names ("left_leg_2" is "
 """
 
 import io
+import os
 import re
 import struct
 from pathlib import Path
@@ -12,14 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.errors import InputError
-from cagesdf.formats.obj import read_bounded, read_obj, read_obj_groups
+from cagesdf.formats.content import names_of, read_bounded
+from cagesdf.formats.naming import UNNAMED, distinct_names, part_name
+from cagesdf.formats.obj import read_obj, read_obj_groups
+from cagesdf.formats.ply import read_ply
+from cagesdf.formats.stl import read_stl
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 SCENE_SUFFIXES = (".obj", ".glb")  # files that can hold several named parts
-UNNAMED = "part"
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -36,20 +40,21 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     files = part_files(folder)
     if not files:
         raise InputError(f"{folder}: holds no mesh; wanted one {', '.join(MESH_SUFFIXES)} file for each part")
-    return _flat(folder, shape_id, split, [(path.stem, _read_mesh(path)) for path in files])
+    names = map(part_name, names_of([os.fsencode(path.stem) for path in files]))
+    return _flat(folder, shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
-    """One shape from one OBJ, whose objects or groups are the parts, or one GLB, whose scene nodes are.
+    """One shape from one file: an OBJ's objects or groups, an STL's solids and a GLB's scene nodes are its parts.
 
-    A PLY or STL file, which has neither, is a shape of one part.
-
-    Raises InputError if the file can't be read or has no faces.
+    A PLY file, which has none of these, is a shape of one part. Of parts that share a name, all but the first
+    get a number. Raises InputError if the file can't be read or has no faces.
     """
-    parts = read_obj_groups(path) if path.suffix.lower() == ".obj" else _read_scene(path)
+    parts = _read_scene(path)
     if not parts:
         raise InputError(f"{path}: has no faces; wanted a part in each of its groups or nodes")
-    return _flat(path, shape_id, split, [(name or UNNAMED, mesh) for name, mesh in parts])
+    ids = distinct_names(name for name, _ in parts)
+    return _flat(path, shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True)))
 
 
 def _natural(path: Path) -> tuple[list[str | int], str]:
@@ -81,14 +86,25 @@ def _read_mesh(path: Path) -> Mesh:
 
 
 def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
-    """The meshes of a PLY, STL or GLB file with the names of their nodes, placed as the scene places them."""
+    """The named meshes of a file: groups, solids, or nodes where they are placed. Names may be equal or ""."""
+    match path.suffix.lower():
+        case ".obj":
+            return read_obj_groups(path)
+        case ".ply":
+            return [("", read_ply(path))]
+        case ".stl":
+            return read_stl(path)
+        case _:
+            return _read_glb(path)
+
+
+def _read_glb(path: Path) -> list[tuple[str, Mesh]]:
     import trimesh
 
-    kind = path.suffix.lower().removeprefix(".")
     content = io.BytesIO(read_bounded(path))
     try:
         # From bytes and without a resolver, so that a file can't make us open others.
-        scene = trimesh.load_scene(content, file_type=kind, resolver=None, process=False, skip_materials=True)
+        scene = trimesh.load_scene(content, file_type="glb", resolver=None, process=False, skip_materials=True)
         parts = []
         for node in scene.graph.nodes_geometry:
             pose, name = scene.graph[node]
@@ -108,5 +124,5 @@ def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
         RuntimeError,
         struct.error,
     ) as error:
-        raise InputError(f"{path}: can't be read as {kind.upper()} ({error!r}); export it again") from error
+        raise InputError(f"{path}: can't be read as GLB ({error!r}); export it again") from error
     return parts

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from cagesdf.errors import InputError
-from cagesdf.formats.obj import read_bounded
+from cagesdf.formats.content import read_bounded
 from cagesdf.structure.hierarchy import PartHierarchy
 
 SUFFIX = "_hier"

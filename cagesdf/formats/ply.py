@@ -1,0 +1,321 @@
+"""PLY: vertices and polygons or triangle strips, as text or binary in either byte order.
+
+http://gamma.cs.unc.edu/POWERPLANT/papers/ply.pdf, with the types that later writers added.
+"""
+
+import codecs
+import io
+import re
+import struct
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from cagesdf.errors import InputError
+from cagesdf.formats.content import number, plain_text, quoted, read_bounded, whole_number
+from cagesdf.formats.polygons import Polygons, triangulated
+from cagesdf.meshes import Mesh, join
+from cagesdf.text import encoding_of
+
+MAX_HEADER = 65_536  # bytes
+MAX_INDEX = 2**62  # larger ones, which no file has vertices for, are this
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+AXES = ("x", "y", "z")
+LOOPS = ("vertex_indices", "vertex_index")  # names of a face's list of corners
+FACES = {"face": "face", "tristrips": "triangle of its strips,"}  # elements of faces, and what messages call them
+NONE = Polygons(np.zeros(0, np.int64), np.zeros(0, np.int64))
+CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
+RESTART = -1  # ends a strip in a list of several
+
+
+@dataclass(frozen=True)
+class _Property:
+    name: str
+    kind: str  # of TYPES' values
+    length: str | None  # the type of a list's length; None for a single value
+
+
+@dataclass(frozen=True)
+class _Element:
+    name: str
+    count: int
+    properties: tuple[_Property, ...]
+
+    def index(self, *names: str) -> int | None:
+        """The first property with one of these names."""
+        return next((i for i, item in enumerate(self.properties) if item.name in names), None)
+
+
+@dataclass(frozen=True)
+class _Header:
+    order: str  # of bytes, "<" or ">"; "" for text
+    elements: dict[str, _Element]  # in the file's order
+    size: int  # bytes
+    lines: int
+
+
+class _Rows(Protocol):
+    """The rows of all elements, one after the other, behind the header."""
+
+    def table(self, element: _Element) -> Float[ndarray, "r p"]:
+        """The rows of an element without lists."""
+        ...
+
+    def begin(self, element: _Element, row: int) -> None:
+        """Go on to a row of an element that has lists."""
+        ...
+
+    def take(self, kind: str, count: int) -> Sequence[float]:
+        """The next values of the row."""
+        ...
+
+    def end(self) -> None:
+        """Check that nothing is left of the row."""
+        ...
+
+    def close(self) -> None:
+        """Check that nothing is left of the file."""
+        ...
+
+
+def read_ply(path: Path) -> Mesh:
+    """The faces of a file as one mesh, raw frame, polygons triangulated; strips of triangles are read too.
+
+    Colours, normals and other elements are left out. Raises InputError, with the line of a text file and
+    otherwise the element and row, for a header that can't be read, a file that is shorter or longer than its header
+    says, a list of negative length, and faces as `polygons.triangulated` does.
+    """
+    content = read_bounded(path)
+    if encoding_of(content) != "utf-8":
+        content = plain_text(content, str(path))
+    content = content.removeprefix(codecs.BOM_UTF8)
+    header = _read_header(path, content)
+    rows: _Rows = _Binary(path, content, header) if header.order else _Text(path, content, header)
+    vertices, pieces = np.zeros((0, 3)), []
+    for element in header.elements.values():
+        axes = [element.index(axis) for axis in AXES] if element.name == "vertex" else []
+        loops = element.index(*LOOPS) if element.name in FACES else None
+        numbers, lists = _read_element(rows, element, axes, loops)
+        if axes:
+            vertices = numbers
+        if loops is not None:
+            pieces.append((element.name, lists if element.name == "face" else _unrolled(lists)))
+    rows.close()
+    if not any(len(polygons.counts) for _, polygons in pieces):
+        raise InputError(f"{path}: has no faces; wanted an element face with a list {LOOPS[0]}")
+    return join([_mesh(path, vertices, name, polygons) for name, polygons in pieces])
+
+
+def _mesh(path: Path, vertices: Float[ndarray, "v 3"], name: str, polygons: Polygons) -> Mesh:
+    return triangulated(vertices, polygons, lambda i: f"{path}, {FACES[name]} {i}, counted from 0")
+
+
+def _read_element(
+    rows: _Rows, element: _Element, axes: list[int | None], loops: int | None
+) -> tuple[Float[ndarray, "r a"], Polygons]:
+    """The properties `axes` of an element's rows, and the lists of its property `loops`."""
+    kept = [axis for axis in axes if axis is not None]
+    if not any(item.length for item in element.properties):
+        return rows.table(element)[:, kept], NONE
+    numbers, corners, counts = array("d"), array("q"), array("q")
+    for row in range(element.count):
+        rows.begin(element, row)
+        values: list[Sequence[float]] = []
+        for item in element.properties:
+            count = 1 if item.length is None else int(rows.take(item.length, 1)[0])
+            values.append(rows.take(item.kind, count))
+        rows.end()
+        numbers.extend(values[i][0] for i in kept)
+        if loops is not None:
+            corners.extend(min(int(index), MAX_INDEX) for index in values[loops])
+            counts.append(len(values[loops]))
+    return np.array(numbers).reshape(element.count, len(kept)), Polygons(
+        np.array(corners, np.int64), np.array(counts, np.int64)
+    )
+
+
+class _Text:
+    """Rows of text: a line each."""
+
+    def __init__(self, path: Path, content: bytes, header: _Header) -> None:
+        self._path = path
+        lines = enumerate(io.BytesIO(plain_text(content, str(path))), start=1)
+        self._lines = ((i, line.split()) for i, line in lines if i > header.lines and line.strip())
+        self._number, self._at = header.lines, 0
+        self._words: list[bytes] = []
+
+    def table(self, element: _Element) -> Float[ndarray, "r p"]:
+        width, numbers = len(element.properties), array("d")
+        for row in range(element.count if width else 0):
+            self.begin(element, row)
+            numbers.extend(self.take("f8", width))
+            self.end()
+        return np.array(numbers).reshape(-1, max(width, 1))
+
+    def begin(self, element: _Element, row: int) -> None:
+        self._at = 0
+        try:
+            self._number, self._words = next(self._lines)
+        except StopIteration:
+            raise InputError(
+                f"{self._path}: ends after line {self._number}, before row {row} of the {element.count:,} of element "
+                f"{element.name}; the file is cut short, export it again"
+            ) from None
+
+    def take(self, kind: str, count: int) -> Sequence[float]:
+        words = self._words[self._at : self._at + count]
+        if count < 0 or len(words) < count:
+            raise self._wrong(f"{count} values wanted, {len(words)} there")
+        self._at += count
+        try:
+            return [*map(number if kind[0] == "f" else whole_number, words)]
+        except ValueError as error:
+            raise self._wrong(str(error)) from error
+
+    def end(self) -> None:
+        if self._at < len(self._words):
+            raise self._wrong(f"{self._at} values wanted, {len(self._words)} there")
+
+    def close(self) -> None:
+        self._number, self._words = next(self._lines, (self._number, []))
+        if self._words:
+            raise self._wrong("the header says that there is nothing more")
+
+    def _wrong(self, reason: str) -> InputError:
+        line = quoted(b" ".join(self._words))
+        return InputError(f"{self._path}, line {self._number}: can't read {line} ({reason}); export it again")
+
+
+class _Binary:
+    """Rows of bytes, without gaps."""
+
+    def __init__(self, path: Path, content: bytes, header: _Header) -> None:
+        self._path, self._content, self._at, self._order = path, content, header.size, header.order
+        self._place = "the header"
+
+    def table(self, element: _Element) -> Float[ndarray, "r p"]:
+        kinds = np.dtype([(str(i), self._order + item.kind) for i, item in enumerate(element.properties)])
+        self._place = f"the {element.count:,} rows of element {element.name}"
+        piece = self._bytes(element.count * kinds.itemsize)
+        rows = np.frombuffer(piece, kinds) if piece else np.zeros(0, kinds)
+        columns = [rows[name].astype(np.float64) for name in kinds.names or ()]
+        return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+
+    def begin(self, element: _Element, row: int) -> None:
+        self._place = f"row {row} of the {element.count:,} of element {element.name}"
+
+    def take(self, kind: str, count: int) -> Sequence[float]:
+        if count < 0:
+            raise InputError(f"{self._path}: {self._place} has a list of {count} values; export it again")
+        values: Sequence[float] = struct.unpack(f"{self._order}{count}{CODES[kind]}", self._bytes(count * int(kind[1])))
+        return values
+
+    def end(self) -> None:
+        """Nothing is left: a row ends where its last value does."""
+
+    def close(self) -> None:
+        if rest := len(self._content) - self._at:
+            raise InputError(
+                f"{self._path}: has {rest:,} bytes more than its header says; is it damaged? Export it again"
+            )
+
+    def _bytes(self, size: int) -> bytes:
+        if size > len(self._content) - self._at:
+            raise InputError(
+                f"{self._path}: {self._place} takes {size:,} bytes from byte {self._at:,}, but the file has "
+                f"{len(self._content):,}; it is cut short or its header is wrong, export it again"
+            )
+        self._at += size
+        return self._content[self._at - size : self._at]
+
+
+def _unrolled(strips: Polygons) -> Polygons:
+    """The triangles of strips, every second one turned; RESTART parts strips, triangles of two equal corners vanish."""
+    corners, counts = strips.corners, strips.counts
+    # A triangle may begin at each corner, at two of which it is in the next strip.
+    begins = np.cumsum(counts) - counts
+    new = np.zeros(len(corners) + 1, bool)
+    new[begins[counts > 0]] = True
+    new[1:] |= corners == RESTART
+    first = np.maximum.accumulate(np.where(new[:-1], np.arange(len(corners)), 0))
+    after_restart = first + (corners[first] == RESTART) if len(corners) else first
+    at = np.arange(max(len(corners) - 2, 0))
+    whole = (first[at] == first[at + 2]) & (corners[at] != RESTART)
+    at = at[whole]
+    a, b, c = corners[at], corners[at + 1], corners[at + 2]
+    odd = (at - after_restart[at]) % 2 == 1
+    triangles = np.stack([np.where(odd, b, a), np.where(odd, a, b), c], axis=1)
+    proper = (a != b) & (b != c) & (c != a)
+    return Polygons(triangles[proper].ravel(), np.full(int(proper.sum()), 3))
+
+
+def _read_header(path: Path, content: bytes) -> _Header:
+    head = content[:MAX_HEADER]
+    match = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)
+    if match is None:
+        raise InputError(f"{path}: is no PLY: wanted a first line ply, got {quoted(head[:20])}")
+    lines = head[match.end() :].split(match[1])
+    end = next((i for i, line in enumerate(lines[:-1]) if line.strip() == b"end_header"), None)
+    if end is None:
+        raise InputError(f"{path}: the header has no line end_header in its first {MAX_HEADER:,} bytes; cut short?")
+    size = match.end() + sum(len(line) + len(match[1]) for line in lines[: end + 1])
+    order: str | None = None
+    elements: dict[str, _Element] = {}
+    for number_of_line, line in enumerate(lines[:end], start=2):
+        try:
+            words = line.decode("latin-1").split()
+            if not words or words[0] in ("comment", "obj_info"):
+                continue
+            if words[0] == "format" and order is None:
+                order = _format(words)
+            else:
+                _declare(words, elements)
+        except ValueError as error:
+            raise InputError(f"{path}, line {number_of_line}: can't read {quoted(line)} ({error})") from error
+    if order is None:
+        raise InputError(f"{path}: the header has no line format; wanted one of {', '.join(ORDERS)}")
+    missing = [axis for axis in AXES if "vertex" not in elements or elements["vertex"].index(axis) is None]
+    if missing:
+        raise InputError(f"{path}: has no property {', '.join(missing)} of an element vertex; wanted x, y, z")
+    return _Header(order, elements, size, end + 2)
+
+
+def _format(words: list[str]) -> str:
+    if words[1:2] and words[1] in ORDERS and words[2:] == ["1.0"]:
+        return ORDERS[words[1]]
+    raise ValueError(f"wanted one of {', '.join(ORDERS)} and 1.0")
+
+
+def _declare(words: list[str], elements: dict[str, _Element]) -> None:
+    """A line of the header that begins an element or gives the last one a property. Raises ValueError."""
+    match words:
+        case ["element", name, digits] if re.fullmatch("[0-9]{1,10}", digits) and name not in elements:
+            elements[name] = _Element(name, int(digits), ())
+            return
+        case ["property", "list", length, kind, name] if TYPES.get(length, "f")[0] != "f" and kind in TYPES:
+            added = _Property(name, TYPES[kind], TYPES[length])
+        case ["property", kind, name] if kind in TYPES:
+            added = _Property(name, TYPES[kind], None)
+        case _:
+            raise ValueError("wanted an element and its number of rows, or a property, its type and name, once each")
+    if not elements:
+        raise ValueError("wanted an element before its properties")
+    last = next(reversed(elements.values()))
+    if last.index(added.name) is not None:
+        raise ValueError("a second property of that name")
+    if last.name == "vertex" and added.name in AXES and added.length is not None:
+        raise ValueError("wanted a single number")
+    if last.name in FACES and added.name in LOOPS and (added.length is None or added.kind[0] == "f"):
+        raise ValueError("wanted a list of whole numbers")
+    elements[last.name] = _Element(last.name, last.count, (*last.properties, added))
