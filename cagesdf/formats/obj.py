@@ -26,6 +26,7 @@ UNREAD = {
     b"surf": "free-form surfaces", b"bzp": "patches", b"bsp": "patches", b"cdc": "patches", b"cdp": "patches",
     b"res": "patches", b"call": "other files",
 }  # fmt: skip
+NUMBERED = (b"v", b"f", b"l", b"p")  # first letters of lines of numbers: names and paths may end in a backslash
 WHITESPACE = b" \t\n\r\x0b\x0c"
 
 
@@ -47,47 +48,61 @@ def read_obj(path: Path) -> Mesh:
     vertices, and an index that names no vertex so far in the file.
     """
     content = _read(path)
-    return _mesh(path, content, np.ones(len(content.counts), bool))
+    return _mesh(path, content, np.arange(len(content.counts)))
 
 
 def read_obj_groups(path: Path) -> list[tuple[str, Mesh]]:
-    """The named parts of a file in its order: its objects, or its groups if it has but one object.
+    """The named parts of a file in its order: its objects, or its groups if all objects have one name.
 
-    Faces of no group belong to the object, those of no object to "". Objects of one name that share no vertex are several parts, groups of one
-    name are one. Two parts may have one name: `naming.distinct_names` tells them apart. Names that aren't UTF-8
-    are read as Latin-1. Raises InputError as `read_obj` does.
+    Faces of no group belong to the object, those of no object to "". Groups of one name are one part. Where all
+    objects and groups have one name, objects that share no vertex are several parts of it:
+    `naming.distinct_names` tells them apart. Names that aren't UTF-8 are read as Latin-1. Raises InputError as
+    `read_obj` does.
     """
     content = _read(path)
-    if not content.counts:
-        return []
     owners = np.asarray(content.owners)
-    objects, groups = _objects(content), [group or name for _, name, group in content.names]
-    several = len(np.unique(objects[owners])) > 1
-    keys = objects if several else np.unique(np.array(groups, object), return_inverse=True)[1]
-    raw = [name for _, name, _ in content.names] if several else groups
+    objects, groups = _numbers([name for _, name, _ in content.names]), _numbers([group for *_, group in content.names])
+    if len(np.unique(objects[owners])) > 1:
+        keys = objects
+    elif len(np.unique(groups[owners])) > 1:
+        keys = groups
+    else:
+        keys = _components(content)
     _, first, part = np.unique(keys[owners], return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    names = names_of([_without_comment(raw[owners[first[i]]]) for i in order])
-    return [(name, _mesh(path, content, part == i)) for name, i in zip(names, order)]
+    names = names_of([_name(content.names[owner], keys is groups) for owner in owners[first]])
+    chosen = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
+    return [(names[i], _mesh(path, content, chosen[i])) for i in np.argsort(first)]
 
 
-def _objects(content: _Content) -> Int[ndarray, " n"]:
-    """The object of each of `names`: the statements of one name whose faces share vertices, directly or by others."""
-    owner = np.repeat(np.asarray(content.owners), np.asarray(content.counts))
-    _, name = np.unique(np.array([name for _, name, _ in content.names], object), return_inverse=True)
-    statement = np.array([number for number, _, _ in content.names])
-    count = len(content.coordinates) // 3
-    _, vertex = np.unique(name[owner] * count + np.asarray(content.corners), return_inverse=True)
-    size = int(statement.max()) + 1
-    links = coo_array((np.ones(len(owner), bool), (statement[owner], size + vertex)), shape=(size + len(owner),) * 2)
-    return connected_components(links, directed=False)[1][statement]
+def _numbers(names: list[bytes]) -> Int[ndarray, " n"]:
+    """A number for each name, equal ones for equal names."""
+    return np.unique(np.array(names, object), return_inverse=True)[1]
 
 
-def _mesh(path: Path, content: _Content, chosen: ndarray) -> Mesh:
-    counts, lines = np.asarray(content.counts), np.asarray(content.lines)[chosen]
-    corners = np.asarray(content.corners)[np.repeat(chosen, counts)]
-    vertices = np.asarray(content.coordinates).reshape(-1, 3)
-    return triangulated(vertices, Polygons(corners, counts[chosen]), lambda i: f"{path}, line {lines[i]}")
+def _name(owner: tuple[int, bytes, bytes], grouped: bool) -> bytes:
+    _, name, group = owner
+    return _without_comment((group or name) if grouped else (name or group))
+
+
+def _components(content: _Content) -> Int[ndarray, " n"]:
+    """The object of each of `names`: all statements whose faces share vertices, directly or by others."""
+    statements = np.array([number for number, *_ in content.names])
+    owners = np.repeat(statements[np.asarray(content.owners)], np.asarray(content.counts))
+    size = int(statements.max()) + 1
+    total = size + len(content.coordinates) // 3
+    links = coo_array((np.ones(len(owners), bool), (owners, size + np.asarray(content.corners))), shape=(total, total))
+    return connected_components(links, directed=False)[1][statements]
+
+
+def _mesh(path: Path, content: _Content, chosen: Int[ndarray, " p"]) -> Mesh:
+    """The mesh of some faces of a file."""
+    all_counts = np.asarray(content.counts).view(np.int64)  # from C's long long
+    counts, lines = all_counts[chosen], np.asarray(content.lines)[chosen]
+    starts = np.cumsum(all_counts)[chosen] - counts
+    inside = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    used, corners = np.unique(np.asarray(content.corners)[np.repeat(starts, counts) + inside], return_inverse=True)
+    vertices = np.asarray(content.coordinates).reshape(-1, 3)[used]
+    return triangulated(vertices, Polygons(corners, counts), lambda i: f"{path}, line {lines[i]}")
 
 
 def _read(path: Path) -> _Content:
@@ -100,9 +115,9 @@ def _read(path: Path) -> _Content:
             elif key in (b"f", b"fo"):
                 _add_face(content, words, at)
             elif key == b"o":
-                content.names.append((content.names[-1][0] + 1, line.strip()[1:].strip(), b""))
+                content.names.append((content.names[-1][0] + 1, line[1:].strip(), b""))
             elif key == b"g":
-                content.names.append((*content.names[-1][:2], line.strip()[1:].strip()))
+                content.names.append((*content.names[-1][:2], line[1:].strip()))
             elif key in UNREAD:
                 raise ValueError(f"{UNREAD[key]} aren't read, wanted polygons")
         except ValueError as error:
@@ -133,22 +148,19 @@ def _add_face(content: _Content, words: list[bytes], line: int) -> None:
 
 
 def _statements(text: bytes) -> Iterator[tuple[int, bytes]]:
-    """Lines with their numbers from 1; a backslash at a line's end continues it."""
-    begun, first = b"", 0
+    """Lines with their numbers from 1; a backslash at the end of a line of numbers continues it."""
+    pieces: list[bytes] = []
     for at, line in enumerate(io.BytesIO(text), start=1):
-        bare = line.rstrip()
-        if _continues(begun + bare):
-            begun, first = begun + bare[:-1] + b" ", first or at
-            continue
-        yield first or at, begun + bare
-        begun, first = b"", 0
-    if begun:
-        yield first, begun
-
-
-def _continues(line: bytes) -> bool:
-    r"""Whether a line ends in a backslash that is no part of a comment, a path, or a letter in GBK or Shift JIS."""
-    return line.endswith(b"\\") and line[:1] in b"vfolpg" and line[-2:-1] < b"\x80" and _without_comment(line) == line
+        bare = line.strip()
+        if bare.endswith(b"\\") and (pieces or bare[:1] in NUMBERED) and _without_comment(bare) == bare:
+            pieces.append(bare[:-1])
+        elif pieces:
+            yield at - len(pieces), b" ".join([*pieces, bare])
+            pieces = []
+        else:
+            yield at, bare
+    if pieces:
+        yield at - len(pieces) + 1, b" ".join(pieces)
 
 
 def _without_comment(line: bytes) -> bytes:

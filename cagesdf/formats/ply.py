@@ -7,11 +7,11 @@ import codecs
 import io
 import re
 import struct
+from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -65,28 +65,32 @@ class _Header:
     lines: int
 
 
-class _Rows(Protocol):
+class _Rows(ABC):
     """The rows of all elements, one after the other, behind the header."""
 
-    def table(self, element: _Element) -> Float[ndarray, "r p"]:
-        """The rows of an element without lists."""
-        ...
+    @abstractmethod
+    def table(self, element: _Element, columns: list[int]) -> Float[ndarray, "r p"]:
+        """Some columns of an element without lists."""
 
+    @abstractmethod
     def begin(self, element: _Element, row: int) -> None:
         """Go on to a row of an element that has lists."""
-        ...
 
-    def take(self, kind: str, count: int) -> Sequence[float]:
+    @abstractmethod
+    def take(self, kind: str, count: int) -> Sequence[int | float]:
         """The next values of the row."""
-        ...
 
+    @abstractmethod
+    def skip(self, kind: str, count: int) -> None:
+        """Leave out the next values of the row."""
+
+    @abstractmethod
     def end(self) -> None:
         """Check that nothing is left of the row."""
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Check that nothing is left of the file."""
-        ...
 
 
 def read_ply(path: Path) -> Mesh:
@@ -104,7 +108,7 @@ def read_ply(path: Path) -> Mesh:
     rows: _Rows = _Binary(path, content, header) if header.order else _Text(path, content, header)
     vertices, pieces = np.zeros((0, 3)), []
     for element in header.elements.values():
-        axes = [element.index(axis) for axis in AXES] if element.name == "vertex" else []
+        axes = [i for axis in AXES if (i := element.index(axis)) is not None] if element.name == "vertex" else []
         loops = element.index(*LOOPS) if element.name in FACES else None
         numbers, lists = _read_element(rows, element, axes, loops)
         if axes:
@@ -122,30 +126,30 @@ def _mesh(path: Path, vertices: Float[ndarray, "v 3"], name: str, polygons: Poly
 
 
 def _read_element(
-    rows: _Rows, element: _Element, axes: list[int | None], loops: int | None
+    rows: _Rows, element: _Element, axes: list[int], loops: int | None
 ) -> tuple[Float[ndarray, "r a"], Polygons]:
     """The properties `axes` of an element's rows, and the lists of its property `loops`."""
-    kept = [axis for axis in axes if axis is not None]
     if not any(item.length for item in element.properties):
-        return rows.table(element)[:, kept], NONE
+        return rows.table(element, axes), NONE
     numbers, corners, counts = array("d"), array("q"), array("q")
     for row in range(element.count):
         rows.begin(element, row)
-        values: list[Sequence[float]] = []
-        for item in element.properties:
+        for i, item in enumerate(element.properties):
             count = 1 if item.length is None else int(rows.take(item.length, 1)[0])
-            values.append(rows.take(item.kind, count))
+            if i == loops:
+                corners.extend(min(int(index), MAX_INDEX) for index in rows.take(item.kind, count))
+                counts.append(count)
+            elif i in axes:
+                numbers.extend(rows.take(item.kind, count))
+            else:
+                rows.skip(item.kind, count)
         rows.end()
-        numbers.extend(values[i][0] for i in kept)
-        if loops is not None:
-            corners.extend(min(int(index), MAX_INDEX) for index in values[loops])
-            counts.append(len(values[loops]))
-    return np.array(numbers).reshape(element.count, len(kept)), Polygons(
-        np.array(corners, np.int64), np.array(counts, np.int64)
-    )
+    lists = Polygons(*(np.asarray(values).view(np.int64) for values in (corners, counts)))  # from C's long long
+    order = [sorted(axes).index(axis) for axis in axes]
+    return np.array(numbers).reshape(element.count, len(axes))[:, order], lists
 
 
-class _Text:
+class _Text(_Rows):
     """Rows of text: a line each."""
 
     def __init__(self, path: Path, content: bytes, header: _Header) -> None:
@@ -155,13 +159,14 @@ class _Text:
         self._number, self._at = header.lines, 0
         self._words: list[bytes] = []
 
-    def table(self, element: _Element) -> Float[ndarray, "r p"]:
+    def table(self, element: _Element, columns: list[int]) -> Float[ndarray, "r p"]:
         width, numbers = len(element.properties), array("d")
         for row in range(element.count if width else 0):
             self.begin(element, row)
-            numbers.extend(self.take("f8", width))
+            values = self.take("f8", width)
             self.end()
-        return np.array(numbers).reshape(-1, max(width, 1))
+            numbers.extend(values[i] for i in columns)
+        return np.array(numbers).reshape(-1, len(columns)) if columns else np.zeros((0, 0))
 
     def begin(self, element: _Element, row: int) -> None:
         self._at = 0
@@ -173,15 +178,18 @@ class _Text:
                 f"{element.name}; the file is cut short, export it again"
             ) from None
 
-    def take(self, kind: str, count: int) -> Sequence[float]:
-        words = self._words[self._at : self._at + count]
-        if count < 0 or len(words) < count:
-            raise self._wrong(f"{count} values wanted, {len(words)} there")
-        self._at += count
+    def take(self, kind: str, count: int) -> Sequence[int | float]:
+        words = self._words[self._at : self._at + max(count, 0)]
+        self.skip(kind, count)
         try:
             return [*map(number if kind[0] == "f" else whole_number, words)]
         except ValueError as error:
             raise self._wrong(str(error)) from error
+
+    def skip(self, kind: str, count: int) -> None:
+        if not 0 <= count <= len(self._words) - self._at:
+            raise self._wrong(f"{count} values wanted, {len(self._words) - self._at} there")
+        self._at += count
 
     def end(self) -> None:
         if self._at < len(self._words):
@@ -197,29 +205,35 @@ class _Text:
         return InputError(f"{self._path}, line {self._number}: can't read {line} ({reason}); export it again")
 
 
-class _Binary:
+class _Binary(_Rows):
     """Rows of bytes, without gaps."""
 
     def __init__(self, path: Path, content: bytes, header: _Header) -> None:
         self._path, self._content, self._at, self._order = path, content, header.size, header.order
         self._place = "the header"
 
-    def table(self, element: _Element) -> Float[ndarray, "r p"]:
+    def table(self, element: _Element, columns: list[int]) -> Float[ndarray, "r p"]:
         kinds = np.dtype([(str(i), self._order + item.kind) for i, item in enumerate(element.properties)])
         self._place = f"the {element.count:,} rows of element {element.name}"
-        piece = self._bytes(element.count * kinds.itemsize)
-        rows = np.frombuffer(piece, kinds) if piece else np.zeros(0, kinds)
-        columns = [rows[name].astype(np.float64) for name in kinds.names or ()]
-        return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+        start = self._pass(element.count * kinds.itemsize)
+        if not columns:
+            return np.zeros((0, 0))
+        rows = np.frombuffer(self._content, kinds, element.count, start) if element.count else np.zeros(0, kinds)
+        return np.stack([rows[str(i)].astype(np.float64) for i in columns], axis=1)
 
     def begin(self, element: _Element, row: int) -> None:
         self._place = f"row {row} of the {element.count:,} of element {element.name}"
 
-    def take(self, kind: str, count: int) -> Sequence[float]:
+    def take(self, kind: str, count: int) -> Sequence[int | float]:
+        start = self._at
+        self.skip(kind, count)
+        values: Sequence[int | float] = struct.unpack_from(f"{self._order}{count}{CODES[kind]}", self._content, start)
+        return values
+
+    def skip(self, kind: str, count: int) -> None:
         if count < 0:
             raise InputError(f"{self._path}: {self._place} has a list of {count} values; export it again")
-        values: Sequence[float] = struct.unpack(f"{self._order}{count}{CODES[kind]}", self._bytes(count * int(kind[1])))
-        return values
+        self._pass(count * int(kind[1]))
 
     def end(self) -> None:
         """Nothing is left: a row ends where its last value does."""
@@ -230,45 +244,43 @@ class _Binary:
                 f"{self._path}: has {rest:,} bytes more than its header says; is it damaged? Export it again"
             )
 
-    def _bytes(self, size: int) -> bytes:
+    def _pass(self, size: int) -> int:
+        """Go on by some bytes that must be there; returns where they begin."""
         if size > len(self._content) - self._at:
             raise InputError(
                 f"{self._path}: {self._place} takes {size:,} bytes from byte {self._at:,}, but the file has "
                 f"{len(self._content):,}; it is cut short or its header is wrong, export it again"
             )
         self._at += size
-        return self._content[self._at - size : self._at]
+        return self._at - size
 
 
 def _unrolled(strips: Polygons) -> Polygons:
     """The triangles of strips, every second one turned; RESTART parts strips, triangles of two equal corners vanish."""
-    corners, counts = strips.corners, strips.counts
-    # A triangle may begin at each corner, at two of which it is in the next strip.
-    begins = np.cumsum(counts) - counts
-    new = np.zeros(len(corners) + 1, bool)
-    new[begins[counts > 0]] = True
-    new[1:] |= corners == RESTART
-    first = np.maximum.accumulate(np.where(new[:-1], np.arange(len(corners)), 0))
-    after_restart = first + (corners[first] == RESTART) if len(corners) else first
-    at = np.arange(max(len(corners) - 2, 0))
-    whole = (first[at] == first[at + 2]) & (corners[at] != RESTART)
-    at = at[whole]
-    a, b, c = corners[at], corners[at + 1], corners[at + 2]
-    odd = (at - after_restart[at]) % 2 == 1
-    triangles = np.stack([np.where(odd, b, a), np.where(odd, a, b), c], axis=1)
-    proper = (a != b) & (b != c) & (c != a)
-    return Polygons(triangles[proper].ravel(), np.full(int(proper.sum()), 3))
+    triangles = [np.zeros((0, 3), np.int64)]
+    for corners in np.split(strips.corners, np.cumsum(strips.counts)[:-1]):
+        for piece in np.split(corners, np.flatnonzero(corners == RESTART)):
+            strip = piece[piece != RESTART]
+            a, b, c = strip[:-2], strip[1:-1], strip[2:]
+            turned = np.arange(len(c)) % 2 == 1
+            triangles.append(np.stack([np.where(turned, b, a), np.where(turned, a, b), c], axis=1))
+    corners = np.concatenate(triangles)
+    a, b, c = corners.T
+    proper = corners[(a != b) & (b != c) & (c != a)]
+    return Polygons(proper.ravel(), np.full(len(proper), 3))
 
 
 def _read_header(path: Path, content: bytes) -> _Header:
     head = content[:MAX_HEADER]
     match = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)
     if match is None:
-        raise InputError(f"{path}: is no PLY: wanted a first line ply, got {quoted(head[:20])}")
+        raise InputError(f"{path}: can't be read as PLY: wanted a first line ply, got {quoted(head[:20])}")
     lines = head[match.end() :].split(match[1])
     end = next((i for i, line in enumerate(lines[:-1]) if line.strip() == b"end_header"), None)
     if end is None:
-        raise InputError(f"{path}: the header has no line end_header in its first {MAX_HEADER:,} bytes; cut short?")
+        raise InputError(
+            f"{path}: can't be read as PLY: no line end_header in its first {MAX_HEADER:,} bytes; is it cut short?"
+        )
     size = match.end() + sum(len(line) + len(match[1]) for line in lines[: end + 1])
     order: str | None = None
     elements: dict[str, _Element] = {}

@@ -99,7 +99,7 @@ def _scaled(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, " c"]) -> Flo
     return np.ldexp(finite, -int(np.frexp(np.abs(finite).max(initial=0.0))[1]))
 
 
-def _triangles(points: Float[ndarray, "m k 3"], numbers: Int[ndarray, " m"], place: Place) -> Int[ndarray, "m {k-2} 3"]:
+def _triangles(points: Float[ndarray, "m k 3"], numbers: Int[ndarray, " m"], place: Place) -> Int[ndarray, "m k-2 3"]:
     """The triangles of m polygons of k corners each, as corner numbers of their polygon."""
     count = points.shape[1]
     fan = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], axis=1)
@@ -149,7 +149,7 @@ def _certainly_left(a: Float[ndarray, "m n 2"], b: Float[ndarray, "m l 2"]) -> B
     return forth - back > UNCERTAIN * (np.abs(forth) + np.abs(back))
 
 
-def _clipped(points: Float[ndarray, "k 3"], plane: Float[ndarray, "k 2"], area: float) -> Int[ndarray, "{k-2} 3"]:
+def _clipped(points: Float[ndarray, "k 3"], plane: Float[ndarray, "k 2"], area: float) -> Int[ndarray, "k-2 3"]:
     """The triangles of one polygon, which may be concave or degenerate. Raises InputError without its place."""
     if len(points) > MAX_CORNERS:
         raise InputError(

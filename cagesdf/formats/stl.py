@@ -140,7 +140,8 @@ def _unexpected(path: Path, text: bytes, position: int, wanted: str) -> InputErr
     start = word.start(1) if word else len(text)
     line = text[start : start + PROBE].partition(b"\n")[0]
     return InputError(
-        f"{path}, {_line(text, start)}: wanted {wanted}, got {quoted(line)}; is the file damaged? Export it again"
+        f"{path}, {_line(text, start)}: wanted {wanted}, got {quoted(line)}; "
+        "is the file cut short or damaged? Export it again"
     )
 
 
