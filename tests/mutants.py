@@ -62,8 +62,6 @@ def obj_files() -> dict[str, bytes]:
 def ply_file(
     order: str, points: np.ndarray, faces: list[list[int]], length: str = "uchar", index: str = "int"
 ) -> bytes:
-    order: str, points: np.ndarray, faces: list[list[int]], length: str = "uchar", index: str = "int"
-) -> bytes:
     """A PLY file in `order` ("ascii", "<" or ">") with colours, an element before the faces, and one behind them."""
     name = {"ascii": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
     header = (
