@@ -47,9 +47,8 @@ def obj_files() -> dict[str, bytes]:
     points, faces = quads()
     vertices = "".join(f"v {x:g} {y:g} {z:g} 1 0.5 0 # a corner\n" for x, y, z in points)
     loops = ["f " + " ".join(f"{i + 1}/{i + 1}//3" for i in face) for face in faces]
-    named = (
-        vertices + "o seat # red\ng a\n" + "\n".join(loops[:4]) + "\no leg\\\ng b\n" + " \\\n".join(["", *loops[4:]])
-    )
+    continued = [loop.replace(" ", " \\\n", 1) for loop in loops[4:]]
+    named = "\n".join([vertices, "o seat # red", "g a", *loops[:4], "o leg", "g b", *continued, ""])
     backwards = vertices + "\n".join("f " + " ".join(str(i - 12) for i in face) for face in faces)
     return {
         "named.obj": named.encode(),
