@@ -7,6 +7,7 @@ from cagesdf.errors import InputError
 from cagesdf.text import decode, encoding_of
 
 MAX_BYTES = 512 * 2**20
+MAX_PARTS = 10_000  # of one file
 
 
 def read_bounded(path: Path) -> bytes:

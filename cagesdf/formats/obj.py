@@ -5,6 +5,7 @@ calls of other files, are refused by name.
 """
 
 import io
+import re
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import names_of, number, plain_text, quoted, read_bounded, whole_number
+from cagesdf.formats.content import MAX_PARTS, names_of, number, plain_text, quoted, read_bounded, whole_number
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh
 
@@ -27,7 +28,7 @@ UNREAD = {
     b"res": "patches", b"call": "other files",
 }  # fmt: skip
 NUMBERED = (b"v", b"f", b"l", b"p")  # first letters of lines of numbers: names and paths may end in a backslash
-WHITESPACE = b" \t\n\r\x0b\x0c"
+COMMENT = re.compile(rb"(?<!\S)#")  # "leg#2" is a name
 
 
 @dataclass
@@ -69,6 +70,8 @@ def read_obj_groups(path: Path) -> list[tuple[str, Mesh]]:
     else:
         keys = _components(content)
     _, first, part = np.unique(keys[owners], return_index=True, return_inverse=True)
+    if len(first) > MAX_PARTS:
+        raise InputError(f"{path}: has {len(first):,} named parts, at most {MAX_PARTS:,} are read; join some of them")
     names = names_of([_name(content.names[owner], keys is groups) for owner in owners[first]])
     chosen = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
     return [(names[i], _mesh(path, content, chosen[i])) for i in np.argsort(first)]
@@ -165,7 +168,5 @@ def _statements(text: bytes) -> Iterator[tuple[int, bytes]]:
 
 def _without_comment(line: bytes) -> bytes:
     """A line up to the first # that begins a word; a name that would be empty then is all of it."""
-    at = line.find(b"#")
-    while at > 0 and line[at - 1] not in WHITESPACE:
-        at = line.find(b"#", at + 1)
-    return line if at < 0 else line[:at].rstrip() or line
+    comment = COMMENT.search(line)
+    return line if comment is None else line[: comment.start()].rstrip() or line

@@ -8,6 +8,7 @@ import io
 import os
 import re
 import struct
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -64,9 +65,8 @@ def _natural(path: Path) -> tuple[list[str | int], str]:
 
 def _flat(source: Path, shape_id: str, split: str, named: list[tuple[str, Mesh]]) -> RawShape:
     names = tuple(name for name, _ in named)
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f"{source}: two parts are called {name!r}; rename one")
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise InputError(f"{source}: two parts are called {twice[0]!r}; rename one")
     labels = tuple(map(_label, names))
     parts = tuple(RawPart(name, label, mesh) for (name, mesh), label in zip(named, labels))
     return RawShape(shape_id, split, parts, PartHierarchy.flat(names, labels, ""))

@@ -24,6 +24,7 @@ from cagesdf.meshes import Mesh, join
 from cagesdf.text import encoding_of
 
 MAX_HEADER = 65_536  # bytes
+MAX_ROWS = 5_000_000  # of an element with lists, which are read one by one
 MAX_INDEX = 2**62  # larger ones, which no file has vertices for, are this
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -110,7 +111,7 @@ def read_ply(path: Path) -> Mesh:
     for element in header.elements.values():
         axes = [i for axis in AXES if (i := element.index(axis)) is not None] if element.name == "vertex" else []
         loops = element.index(*LOOPS) if element.name in FACES else None
-        numbers, lists = _read_element(rows, element, axes, loops)
+        numbers, lists = _read_element(path, rows, element, axes, loops)
         if axes:
             vertices = numbers
         if loops is not None:
@@ -126,11 +127,13 @@ def _mesh(path: Path, vertices: Float[ndarray, "v 3"], name: str, polygons: Poly
 
 
 def _read_element(
-    rows: _Rows, element: _Element, axes: list[int], loops: int | None
+    path: Path, rows: _Rows, element: _Element, axes: list[int], loops: int | None
 ) -> tuple[Float[ndarray, "r a"], Polygons]:
     """The properties `axes` of an element's rows, and the lists of its property `loops`."""
     if not any(item.length for item in element.properties):
         return rows.table(element, axes), NONE
+    if element.count > MAX_ROWS:
+        raise InputError(f"{path}: has {element.count:,} rows of element {element.name}; wanted at most {MAX_ROWS:,}")
     numbers, corners, counts = array("d"), array("q"), array("q")
     for row in range(element.count):
         rows.begin(element, row)
@@ -219,7 +222,8 @@ class _Binary(_Rows):
         if not columns:
             return np.zeros((0, 0))
         rows = np.frombuffer(self._content, kinds, element.count, start) if element.count else np.zeros(0, kinds)
-        return np.stack([rows[str(i)].astype(np.float64) for i in columns], axis=1)
+        with np.errstate(invalid="ignore"):  # NaN is refused with its face
+            return np.stack([rows[str(i)].astype(np.float64) for i in columns], axis=1)
 
     def begin(self, element: _Element, row: int) -> None:
         self._place = f"row {row} of the {element.count:,} of element {element.name}"

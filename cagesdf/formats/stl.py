@@ -3,6 +3,7 @@
 import re
 from array import array
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import names_of, number, plain_text, quoted, read_bounded
+from cagesdf.formats.content import MAX_PARTS, names_of, number, plain_text, quoted, read_bounded
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh
 from cagesdf.text import encoding_of
@@ -74,14 +75,17 @@ def _read_binary(path: Path, content: bytes) -> Mesh:
             f"{path}: as a binary STL, says that it has {count:,} triangles, which take {wanted:,} bytes, but has "
             f"{length:,}: {differs}; is the file cut short or damaged? Export it again"
         )
-    corners = np.frombuffer(content, TRIANGLE, offset=HEADER + 4)["corners"].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN is refused with its facet
+        corners = np.frombuffer(content, TRIANGLE, offset=HEADER + 4)["corners"].astype(np.float64)
     if not len(corners):
         raise InputError(f"{path}: a binary STL of 0 triangles: has no faces; export it again")
     return _mesh(path, corners)
 
 
 def _read_text(path: Path, text: bytes) -> list[tuple[str, Mesh]]:
-    solids = [*_solids(path, text)]
+    solids = [*islice(_solids(path, text), MAX_PARTS + 1)]
+    if len(solids) > MAX_PARTS:
+        raise InputError(f"{path}: has more than {MAX_PARTS:,} solids, the most that are read; join some of them")
     names = names_of([name for name, _ in solids])
     return [(name, mesh) for name, (_, mesh) in zip(names, solids)]
 
