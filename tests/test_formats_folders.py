@@ -1,6 +1,8 @@
 """Part folders, files with several parts, and the listing of a category."""
 
 import json
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -163,3 +165,16 @@ def test_a_source_knows_its_hierarchy(tmp_path: Path) -> None:
     assert list_shapes(tmp_path, "*") == [
         ShapeSource("7", "train", tmp_path / "7", tmp_path / "chair_hier" / "7.json", None)
     ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_files_with_names_in_no_utf8_are_parts_of_their_own_and_their_faults_can_be_written(tmp_path: Path) -> None:
+    toy.write_obj(tmp_path / "stool" / "leg.obj", LEG)
+    content = (tmp_path / "stool" / "leg.obj").read_bytes()
+    for name in (b"F\xfc\xdfe.obj", b"F\xe4\xdfe.obj"):
+        Path(os.fsdecode(os.fsencode(tmp_path / "stool") + b"/" + name)).write_bytes(content)
+    assert [part.part_id for part in read(tmp_path, "stool").parts] == ["Fäße", "Füße", "leg"]
+    Path(os.fsdecode(os.fsencode(tmp_path / "stool") + b"/\xff.ply")).write_bytes(b"")
+    with pytest.raises(ShapeRejected, match=r"\\udcff\.ply: can't be read as PLY") as caught:
+        read(tmp_path, "stool")
+    assert caught.value.reason.encode("utf-8")
