@@ -130,7 +130,7 @@ class TrainParams(Params):
     latent_learning_rate: Positive
     schedule: Literal["cosine", "halve"]  # to zero, or halved every `halve_every` steps
     halve_every: Count
-    precision: Literal["float32", "bfloat16"]  # of the matrix products; weights are float32
+    precision: Literal["auto", "float32", "bfloat16"]  # of the matrix products; auto: as the processor has it
     checkpoint_every: Count  # steps
     log_every: Count  # steps
     snapshots: tuple[Count, ...]  # after so many steps what was trained is kept too, for evaluate_progress

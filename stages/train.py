@@ -25,6 +25,7 @@ from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import Ranks, joined_ranks
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
+from cagesdf.training.precision import fitting_precision, processor
 from cagesdf.training.residuals import rest_residuals
 from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
 from pipeline.memory import memory
@@ -39,6 +40,9 @@ def main(points: Path, shapes: Path, cuboids: Path, sequences: Path, out: Path, 
     """
     inputs = {"points": points, "shapes": shapes, "cuboids": cuboids, "sequences": sequences}
     with joined_ranks() as ranks:
+        # The manifest, the run and the checkpoint's digest hold what was used. All ranks have the first one's.
+        precision = ranks.told(fitting_precision(params.precision, device()))
+        params = params.model_copy(update={"precision": precision})
         if ranks.first:
             with artefact.write("run", out, inputs=inputs, params=params) as folder:
                 checkpoint = trained(inputs, folder, out.name, params, ranks)
@@ -70,6 +74,7 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
 
     count = {"sampled": data.sampled, "used": data.used}
     print(f"{name}: {data.used:,} of {data.sampled:,} points, {described(params)}; {held(data)}")
+    print(f"{name}: products in {params.precision} on {processor() if device() == 'cpu' else device()}")
     batch = params.batch_chunks * CHUNK
     with counter(settings.steps * batch, "points", f"train {name}") as bar:
         log = train(

@@ -2,7 +2,7 @@
 
 import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -29,10 +29,10 @@ def test_an_export_is_the_file_that_the_command_writes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"\xff\xfe\x00", "no text in UTF-8"),
-        (b" " * (files.MAX_BYTES + 1), "wanted at most"),
-        (b'[{"op": "explode"}]', "wanted"),
-        (b"import os", "script"),
+        pytest.param(b"\xff\xfe\x00", "no text in UTF-8", id="no text"),
+        pytest.param(b" " * (files.MAX_BYTES + 1), "wanted at most", id="too large"),
+        pytest.param(b'[{"op": "explode"}]', "wanted", id="unknown operation"),
+        pytest.param(b"import os", "script", id="no script"),
     ],
 )
 def test_a_bad_script_is_refused_in_words(content: bytes, said: str) -> None:
@@ -51,6 +51,11 @@ def zipped(members: Mapping[str, bytes]) -> bytes:
         for name, data in members.items():
             archive.writestr(name, data)
     return content.getvalue()
+
+
+def damaged_zip() -> bytes:
+    """A zip whose one member has another name in its own header than in the directory."""
+    return zipped({"leg.obj": b"v"}).replace(b"leg.obj", b"leg.obx", 1)
 
 
 def test_meshes_of_a_zip_lie_side_by_side_and_nothing_else_comes_with_them(tmp_path: Path) -> None:
@@ -80,21 +85,31 @@ def test_a_mesh_file_is_taken_as_it_is(tmp_path: Path) -> None:
     assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "shape.glb", b"glTF")
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("chair.zip", b"PK nothing", "can't be read as a zip"),
-        ("chair.zip", zipped({"leg.obj": b"v" * 1000})[:-40], "can't be read as a zip"),
-        ("chair.zip", zipped({"leg.obj": b"v"}).replace(b"leg.obj+", b"leg.obj\xff"), "can't be read as a zip"),
-        ("chair.zip", zipped({"notes.txt": b"-"}), "holds no mesh"),
-        ("chair.zip", zipped({"a/leg.obj": b"-", "b/leg.obj": b"-"}), "two meshes are called leg.obj"),
-        ("bomb.zip", zipped({"a.obj": bytes(30_000_000), "b.obj": bytes(30_000_000)}), "holds too much"),
-        ("many.zip", zipped({f"{i}.obj": b"-" for i in range(files.MAX_MESHES + 1)}), "holds too much"),
-        ("chair.py", b"import os", "wanted a .obj"),
-        ("chair.obj", bytes(files.MAX_MESH_BYTES + 1), "wanted at most"),
-    ],
-)
-def test_bad_meshes_are_refused_in_words(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+# By what is wrong: the file's name, its bytes (made when the test runs: a zip holds the time), what is said.
+BAD_MESHES: Mapping[str, tuple[str, Callable[[], bytes], str]] = {
+    "no zip": ("chair.zip", lambda: b"PK nothing", "can't be read as a zip"),
+    "cut zip": ("chair.zip", lambda: zipped({"leg.obj": b"v" * 1000})[:-40], "can't be read as a zip"),
+    "damaged zip": ("chair.zip", damaged_zip, "can't be read as a zip"),
+    "zip without meshes": ("chair.zip", lambda: zipped({"notes.txt": b"-"}), "holds no mesh"),
+    "one name twice": (
+        "chair.zip",
+        lambda: zipped({"a/leg.obj": b"-", "b/leg.obj": b"-"}),
+        "two meshes are called leg.obj",
+    ),
+    "too large unpacked": (
+        "bomb.zip",
+        lambda: zipped({"a.obj": bytes(30_000_000), "b.obj": bytes(30_000_000)}),
+        "holds too much",
+    ),
+    "too many": ("many.zip", lambda: zipped({f"{i}.obj": b"-" for i in range(files.MAX_MESHES + 1)}), "holds too much"),
+    "no mesh": ("chair.py", lambda: b"import os", "wanted a .obj"),
+    "too large": ("chair.obj", lambda: bytes(files.MAX_MESH_BYTES + 1), "wanted at most"),
+}
+
+
+@pytest.mark.parametrize("wrong", BAD_MESHES)
+def test_bad_meshes_are_refused_in_words(tmp_path: Path, wrong: str) -> None:
+    name, content, said = BAD_MESHES[wrong]
     with pytest.raises(InputError, match=said):
-        files.meshes_of(name, content, tmp_path)
+        files.meshes_of(name, content(), tmp_path)
     assert not [*tmp_path.iterdir()]

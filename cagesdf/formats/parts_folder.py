@@ -4,17 +4,14 @@ Parts are assembled in place, in any unit. Nothing tells how they belong togethe
 structure is flat; labels are the letters in the parts' names ("left_leg_2" is "left leg").
 """
 
-import io
 import os
 import re
-import struct
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-
 from cagesdf.errors import InputError
-from cagesdf.formats.content import names_of, read_bounded
+from cagesdf.formats import gltf
+from cagesdf.formats.content import names_of
 from cagesdf.formats.naming import UNNAMED, distinct_names, part_name
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.formats.ply import read_ply
@@ -23,8 +20,8 @@ from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb")
-SCENE_SUFFIXES = (".obj", ".glb")  # files that can hold several named parts
+MESH_SUFFIXES = (".obj", ".ply", ".stl", *gltf.SUFFIXES)
+SCENE_SUFFIXES = (".obj", *gltf.SUFFIXES)  # files that can hold several named parts
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -46,7 +43,7 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
-    """One shape from one file: an OBJ's objects or groups, an STL's solids and a GLB's scene nodes are its parts.
+    """One shape from one file: an OBJ's objects or groups, an STL's solids and a glTF's scene nodes are its parts.
 
     A PLY file, which has none of these, is a shape of one part. Of parts that share a name, all but the first
     get a number. Raises InputError if the file can't be read or has no faces.
@@ -95,34 +92,4 @@ def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
         case ".stl":
             return read_stl(path)
         case _:
-            return _read_glb(path)
-
-
-def _read_glb(path: Path) -> list[tuple[str, Mesh]]:
-    import trimesh
-
-    content = io.BytesIO(read_bounded(path))
-    try:
-        # From bytes and without a resolver, so that a file can't make us open others.
-        scene = trimesh.load_scene(content, file_type="glb", resolver=None, process=False, skip_materials=True)
-        parts = []
-        for node in scene.graph.nodes_geometry:
-            pose, name = scene.graph[node]
-            mesh = scene.geometry[name]
-            if isinstance(mesh, trimesh.Trimesh):
-                placed = np.asarray(mesh.vertices, np.float64) @ pose[:3, :3].T + pose[:3, 3]
-                faces = np.asarray(mesh.faces, np.int32)
-                # A mirroring pose turns the faces inside out.
-                parts.append((str(node), Mesh(placed, faces if np.linalg.det(pose[:3, :3]) > 0 else faces[:, ::-1])))
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        OSError,
-        MemoryError,
-        RuntimeError,
-        struct.error,
-    ) as error:
-        raise InputError(f"{path}: can't be read as GLB ({error!r}); export it again") from error
-    return parts
+            return gltf.read_gltf(path)

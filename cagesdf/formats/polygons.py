@@ -190,7 +190,8 @@ def _covered_once(plane: Float[ndarray, "k 2"], triangles: Float[ndarray, "f 3 2
 
 
 def _volume(points: Float[ndarray, "4 3"]) -> float:
-    return abs(float(np.linalg.det(points[1:] - points[0])))
+    a, b, c = points[1:] - points[0]
+    return abs(float(np.cross(a, b) @ c))
 
 
 def _across_shorter_diagonal(points: Float[ndarray, "4 3"]) -> Int[ndarray, "2 3"]:

@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
-from typing import Literal
 
 import torch
 from torch import Tensor
@@ -14,6 +13,7 @@ from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch
 from cagesdf.training.losses import shape_l1
+from cagesdf.training.precision import Precision
 
 SLICE = {"cpu": 32}  # groups whose activations are held at once; elsewhere LARGE
 LARGE = 1024
@@ -32,7 +32,7 @@ class Gradients:
         decoder: Decoder,
         latents: LatentTable,
         clamp: float,
-        precision: Literal["float32", "bfloat16"],
+        precision: Precision,
         pool: ThreadPoolExecutor,
         threads: int,
     ) -> None:

@@ -16,6 +16,7 @@ from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.distributed import ALONE, Ranks
 from cagesdf.training.gradients import Gradients, slice_threads
 from cagesdf.training.losses import latent_penalty
+from cagesdf.training.precision import Precision
 
 DIVERGED = 10  # times the loss of the log's first row; learning only lowers it
 
@@ -31,7 +32,7 @@ class TrainSettings:
     halve_every: int  # steps; for the schedule of that name
     clamp: float  # canonical units; 0: none
     latent_weight: float  # λ
-    precision: Literal["float32", "bfloat16"]  # of matrix products; weights and losses are float32
+    precision: Precision  # of matrix products; weights and losses are float32
     log_every: int  # steps
     checkpoint_every: int  # steps
     snapshots: tuple[int, ...]  # steps after which the checkpoint keeps weights and latents; the last is not among them
