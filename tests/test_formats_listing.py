@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import Listing, ShapeSource, find_shapes, list_shapes, read_shape
+from cagesdf.formats.shapeassembly import list_programs
 from cagesdf.formats.splits import read_list
 from cagesdf.io.shapes import read_shapes
 from pipeline import ImportParams
@@ -171,6 +172,16 @@ def test_programs_of_which_none_is_a_shapes_are_noted(tmp_path: Path) -> None:
     (tmp_path / "x_programs" / "A.txt").touch()
     (note,) = list_shapes(tmp_path, "*").notes
     assert note == "none of the 1 programs is called like a shape: A"
+
+
+def test_lists_and_hidden_files_beside_programs_are_no_programs(tmp_path: Path) -> None:
+    (tmp_path / "__MACOSX").mkdir()
+    for name, content in {
+        "train.txt": b"\xef\xbb\xbfchair 01\r\n", "Val.txt": b"\xff\xfea\0", "__MACOSX/._a.txt": b"\0\5",
+        "a.txt": b"Assembly x {\n}\n",
+    }.items():  # fmt: skip
+        (tmp_path / name).write_bytes(content)
+    assert list_programs([tmp_path]) == [tmp_path / "a.txt"]
 
 
 def test_two_spellings_of_one_name_are_refused(tmp_path: Path) -> None:

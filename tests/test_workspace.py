@@ -10,7 +10,7 @@ import pytest
 import yaml
 from dvc.repo import Repo
 
-from pipeline import workspace
+from pipeline import lanes, workspace
 from pipeline.params import ParamsError, check, read_yaml
 
 
@@ -161,6 +161,16 @@ def call_make(folder: Path, name: str, origin: str) -> None:
         lanes,
         [""],
     ]
+
+
+def test_names_that_are_no_words_stop_a_run_before_dvc_reads_them(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    params = read(root / "params.yaml")
+    monkeypatch.chdir(root)
+    for name in ("a; touch pwned", "$(touch pwned)", "-x", "../x", "a b", ""):
+        changed = workspace.merged(params, {"run": {"categories": [name]}})
+        (root / "params.yaml").write_text(yaml.safe_dump(changed), encoding="utf-8")
+        with pytest.raises(ParamsError, match=r"run\.categories\.0: "):
+            lanes.main()
 
 
 def test_make_own_without_data_says_what_it_wants(root: Path, capsys: pytest.CaptureFixture[str]) -> None:

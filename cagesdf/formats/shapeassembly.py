@@ -6,6 +6,7 @@ from pathlib import Path
 
 from cagesdf.alignment import Candidate, align
 from cagesdf.errors import InputError
+from cagesdf.formats.splits import TRAIN, VAL
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.assembly import Assembly
@@ -51,7 +52,8 @@ def list_programs(paths: Iterable[Path]) -> list[Path]:
         if path.is_file():
             found.append(path)
             continue
-        inside = [file for file in sorted(path.rglob("*.txt")) if file.is_file() and not _is_list(file)]
+        files = (file for file in sorted(path.rglob("*.txt")) if file.is_file() and not file.name.startswith("."))
+        inside = [file for file in files if not _is_list(file)]
         if not inside:
             raise InputError(f"{path}: no programs in it; wanted .txt files that begin with Assembly NAME {{")
         found += inside
@@ -59,5 +61,7 @@ def list_programs(paths: Iterable[Path]) -> list[Path]:
 
 
 def _is_list(file: Path) -> bool:
+    if file.name.casefold() in (TRAIN, VAL):
+        return True
     with file.open("rb") as content:
         return IDS.fullmatch(content.read(HEAD)) is not None
