@@ -17,11 +17,6 @@ NEEDLE = 1e-8  # share of the area: so is a cell that is smaller
 MAX_CELLS = 500_000  # whose distances are asked; beyond, cells are judged by their centres however large they are
 
 
-def lost_share(mesh: Mesh, solid: Mesh) -> float:
-    """Share of a mesh's area that is lost: outside the closed, outward `solid`, farther than REACH from it."""
-    return float(lost_areas(mesh, solid, REACH).sum() / max(face_areas(mesh).sum(), 1e-300))
-
-
 def lost_areas(mesh: Mesh, solid: Mesh, reach: float) -> Float[ndarray, " f"]:
     """The area of each face whose signed distance to a closed, outward solid is above `reach`.
 

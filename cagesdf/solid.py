@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from cagesdf.coverage import lost_areas, lost_share
+from cagesdf.coverage import REACH, lost_areas
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import NotSolidError
@@ -48,8 +48,9 @@ BOWL = 0.5  # a cap larger than this share of its piece, whose rim isn't flat, w
 BOX = 0.6  # a piece on its convex hull that covers more than this share of it is that solid
 FOLDED = 0.02  # caps whose folds take more than this share of a piece's volume are wrong
 JITTER = 1e-9  # of a mesh's extent: enough for vertices that lie on an edge not to lie on it exactly
-CUT_OFF = 1e-4  # share of its volume that a mesh may lose as it is read
-SPECK = 1e-3  # flat pieces that make up less than this share of a part's area are dropped
+CUT_OFF = 1e-8  # share of its volume that a mesh may lose as it is read
+SPECK = 1e-3  # sheets and flaps that make up less than this share of a part's area are dropped
+PASSES = 3  # at giving plates to faces that were left out
 NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no more, is represented by it
 ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
 OFFSET = 0.002  # canonical units: from a sheet to its wrap
@@ -69,7 +70,7 @@ class Solid:
     method: str  # the last of METHODS that was needed
     dropped: int  # pieces left out: sheets that the rest represents, specks
     plates: int  # sheets that were given a thickness of 2 TIGHT
-    lost: float = 0.0  # share of the area, as in `coverage.lost_share`
+    lost: float = 0.0  # share of the area of what it was made from that lies outside, more than REACH from it
 
 
 def as_manifold(mesh: Mesh) -> manifold3d.Manifold:
@@ -145,12 +146,14 @@ def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> Solid:
     solid = _as_a_whole(mesh, welded, min_thickness) or _in_pieces(welded, min_thickness)
     if _runs_into_itself(solid.mesh):
         solid = replace(solid, mesh=untangle(solid.mesh), method="untangled")
+    if solid.method not in KEEPING:
+        solid = _completed(solid, mesh, tolerance)
     if signed_volume(solid.mesh) <= 0 or thickness(solid.mesh) < min_thickness:
         raise NotSolidError(
             f"it has no volume when closed ({solid.method}): {thickness(solid.mesh):.2g} thick on average, wanted at "
             f"least {min_thickness:g}; give it a thickness, or lower min_thickness"
         )
-    return solid if solid.method in KEEPING else replace(solid, lost=lost_share(mesh, solid.mesh))
+    return solid
 
 
 def thickness(mesh: Mesh) -> float:
@@ -246,37 +249,25 @@ def _unite(closed: list[Mesh]) -> Mesh:
 
 
 def _close(parts: list[Mesh], min_thickness: float) -> Solid:
-    solids = [_closed(piece, min_thickness) for piece in parts]
-    closed = [solid for solid in solids if solid is not None]
-    if not closed:
-        return Solid(wrap(join(parts)), "wrapped", dropped=0, plates=len(parts))
-    body = _unite(closed)
-    lost = np.split(lost_areas(join(parts), body, NEAR), np.cumsum([len(piece.faces) for piece in parts])[:-1])
-    left_out = [_left_out(piece, areas, solid is None) for piece, areas, solid in zip(parts, lost, solids)]
-    loose = [sheet for sheets in left_out for sheet in sheets]
-    dropped = sum(solid is None and not sheets for solid, sheets in zip(solids, left_out))
+    closed = [_closed(piece, min_thickness) for piece in parts]
+    solids = [solid for solid in closed if solid is not None]
+    sheets = [piece for piece, solid in zip(parts, closed) if solid is None]
+    if not solids:
+        return Solid(wrap(join(sheets)), "wrapped", dropped=0, plates=len(sheets))
+    body = _unite(solids)
+    lost = np.split(lost_areas(join(sheets), body, NEAR), np.cumsum([len(sheet.faces) for sheet in sheets]))
+    loose = [sheet for sheet, areas in zip(sheets, lost) if areas.sum() > SPECK * face_areas(sheet).sum()]
     if face_areas(join(loose)).sum() < SPECK * face_areas(join(parts)).sum():
-        return Solid(body, "capped", dropped + len(loose), plates=0)
-    return Solid(union([body, wrap(join(loose))]), "wrapped", dropped, plates=len(loose))
+        return Solid(body, "capped", dropped=len(sheets), plates=0)
+    return Solid(union([body, wrap(join(loose))]), "wrapped", dropped=len(sheets) - len(loose), plates=len(loose))
 
 
 def _closed(piece: Mesh, min_thickness: float) -> Mesh | None:
     """A piece with its holes closed; None if that makes no solid, or one that is too thin."""
     capped = cap(piece)
-    cleared = _cleared(capped)
+    cleared = _cleared(capped, min_thickness)
     solid = cleared if _is_sound(capped, cleared) else _box_like(piece)
     return solid if solid is not None and thickness(solid) >= min_thickness else None
-
-
-def _left_out(piece: Mesh, lost: Float[ndarray, " f"], is_sheet: bool) -> list[Mesh]:
-    """The sheets that a body lacks of a piece, by the area that each face lost.
-
-    A sheet is lacking as a whole. A piece that was closed lacks flaps: a lid that lies on one takes it away.
-    """
-    areas = face_areas(piece)
-    if lost.sum() <= SPECK * areas.sum():
-        return []
-    return [piece] if is_sheet else pieces(compact(Mesh(piece.vertices, piece.faces[lost > SPECK * areas])))
 
 
 def cap(mesh: Mesh) -> Mesh:
@@ -303,13 +294,17 @@ def cap(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, np.concatenate([mesh.faces, caps.faces]))
 
 
-def _cleared(mesh: Mesh) -> Mesh:
-    """A closed mesh without slivers and folds; one that isn't closed, or that nothing is left of, as it is.
+def _cleared(mesh: Mesh, min_thickness: float) -> Mesh:
+    """A closed mesh without slivers, folds and flat components; one that isn't closed, or nothing else, as it is.
 
-    Caps at T-junctions are slivers, and they make the alpha wrap leak.
+    Flat components are flaps with a lid on them: a surface without an inside, which the next union may drop.
     """
-    solid = as_manifold(mesh) if is_closed(mesh) else manifold3d.Manifold()
-    return mesh if solid.status() != manifold3d.Error.NoError or solid.is_empty() else from_manifold(solid)
+    solid = _read(mesh) if is_closed(mesh) else manifold3d.Manifold()
+    if solid.status() != manifold3d.Error.NoError or solid.is_empty():
+        return mesh
+    components = [from_manifold(component) for component in solid.decompose()]
+    thick = [component for component in components if thickness(component) >= min_thickness]
+    return join(thick) if 0 < len(thick) < len(components) else from_manifold(solid)
 
 
 def _is_sound(capped: Mesh, cleared: Mesh) -> bool:
@@ -397,6 +392,24 @@ def wrap(mesh: Mesh) -> Mesh:
     distance, _, nearest = SurfaceDistance(mesh).closest(vertices)
     reach = np.maximum(distance, TIGHT)[:, None]
     return Mesh(nearest + (vertices - nearest) * (TIGHT / reach), faces.astype(np.int32))
+
+
+def _completed(solid: Solid, mesh: Mesh, tolerance: float) -> Solid:
+    """The solid of a mesh, with plates for faces that the steps before left out, and the share of the area still lost.
+
+    A lid that lies on a flap takes it away; so does the outside of a surface that runs into itself, and
+    manifold3d's union of faces that lie exactly on each other, this one too: hence the PASSES.
+    """
+    areas, lost = face_areas(mesh), lost_areas(mesh, solid.mesh, REACH)
+    for _ in range(PASSES):
+        if lost.sum() <= SPECK * areas.sum():
+            break
+        flaps = weld(Mesh(mesh.vertices, mesh.faces[lost > SPECK * areas]), tolerance)
+        method = max("wrapped", solid.method, key=METHODS.index)
+        plates = solid.plates + int(_patches(flaps).max()) + 1
+        solid = replace(solid, mesh=union([solid.mesh, wrap(flaps)]), method=method, plates=plates)
+        lost = lost_areas(mesh, solid.mesh, REACH)
+    return replace(solid, lost=float(lost.sum() / areas.sum()))
 
 
 # The step that removes faces: untangled.
