@@ -153,9 +153,11 @@ def flags(shape: Shape) -> list[str]:
             f"it fills {audited.inside:.2%} of its box, {'more' if audited.outlier > 0 else 'less'} than others "
             f"(robust z-score {audited.outlier:.1f})"
         )
-    for part in shape.parts:
-        if part.repair.lost > LOST:
-            found.append(f"part {part.part_id} lost {part.repair.lost:.2%} of its surface")
+    found += [
+        f"part {part.part_id} lost {part.repair.lost:.2%} of its surface"
+        for part in shape.parts
+        if part.repair.lost > LOST
+    ]
     if plates := sum(part.repair.plates for part in shape.parts):
         found.append(f"{plates} sheet{'s' if plates > 1 else ''} got a thickness")
     return found

@@ -39,7 +39,7 @@ def test_it_is_the_share_of_dense_points_that_are_outside_and_far(seed: int) -> 
 @given(st.integers(0, 2**32 - 1), st.floats(-0.2, 0.8))
 def test_of_a_sheet_that_leaves_a_box_the_part_outside_is_lost_in_any_pose(seed: int, place: float) -> None:
     turn = Rotation.random(random_state=seed).as_matrix()
-    sheet = SQUARE.with_vertices((SQUARE.vertices + [place, 0, 0]) @ turn.T)
+    sheet = SQUARE.with_vertices((SQUARE.vertices + np.array([place, 0, 0])) @ turn.T)
     outside = np.clip(0.5 + place - REACH, 0, 1) if place > -0.5 else 0
     assert lost(sheet, BOX.with_vertices(BOX.vertices @ turn.T)) == pytest.approx(outside, abs=0.01)
 
