@@ -45,7 +45,9 @@ def shape_of(shape_id: str, meshes: dict[str, Mesh], tree: Node, split: str = "t
     parts = []
     for part_id in structure.parts():
         mesh = meshes[part_id].with_vertices(similarity.to_canonical(meshes[part_id].vertices))
-        repair = Repair("none", len(mesh.faces), len(mesh.faces), signed_volume(mesh), 0.5, dropped=0, plates=0)
+        repair = Repair(
+            "none", len(mesh.faces), len(mesh.faces), signed_volume(mesh), 0.5, dropped=0, plates=0, lost=0.0
+        )
         parts.append(Part(part_id, labels[part_id], mesh, repair))
     return Shape(shape_id, split, tuple(parts), structure, similarity)
 
