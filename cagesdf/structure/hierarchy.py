@@ -50,7 +50,10 @@ class PartHierarchy(Structure):
     def flat(part_ids: tuple[str, ...], labels: tuple[str, ...], category: str) -> "PartHierarchy":
         """A root with the parts below it: what a plain folder of part meshes tells."""
         leaves = tuple(Node(part_id, label, (), (), None) for part_id, label in zip(part_ids, labels))
-        return PartHierarchy(Node("root", category, leaves, (), None))
+        root = "root"
+        while root in part_ids:
+            root += "_"
+        return PartHierarchy(Node(root, category, leaves, (), None))
 
     def _nodes(self) -> dict[str, Node]:
         return {node.node_id: node for node in self.tree.walk()}
@@ -185,7 +188,7 @@ class PartHierarchy(Structure):
             if depth > MAX_DEPTH or len(seen) >= MAX_NODES:
                 raise InputError(f"hierarchy: more than {MAX_DEPTH} levels or {MAX_NODES} nodes at node {path}")
             node_id = str(entry["id"])
-            if node_id in seen:
+            while node_id in seen:
                 node_id = f"{node_id}@{path}"
             seen.add(node_id)
             children = tuple(
@@ -222,7 +225,10 @@ def _vector(numbers: Any) -> tuple[float, float, float]:
 
 def _read_relation(edge: dict[str, Any], children: tuple[Node, ...], path: str) -> Relation:
     try:
-        a, b = children[int(edge["part_a"])].node_id, children[int(edge["part_b"])].node_id
+        places = int(edge["part_a"]), int(edge["part_b"])
+        if min(places) < 0:
+            raise IndexError("children are numbered from 0")
+        a, b = (children[place].node_id for place in places)
         params = edge.get("params") or []
         if edge["type"] == "ADJ":
             return Adjacency(a, b, float(edge.get("dist", 0.0)))
