@@ -10,6 +10,7 @@ from cagesdf.editing.script import (
     KINDS,
     MAX_CHARACTERS,
     MAX_OPERATIONS,
+    MAX_PATTERN,
     Blend,
     Move,
     Redo,
@@ -88,7 +89,7 @@ GOOD = {"op": "move", "part": "leg", "by": [0, 1, 2]}
         ({**GOOD, "by": [0, 1, 1e300]}, "1e+300"),
         ({**GOOD, "mirror": "no"}, "'no'"),
         ({**GOOD, "part": ""}, "part"),
-        ({**GOOD, "part": "x" * 1000}, "part"),
+        ({**GOOD, "part": "x" * (MAX_PATTERN + 1)}, "part"),
         ({"op": "resize", "part": "leg", "axis": "w", "factor": 2}, "'w'"),
         ({"op": "resize", "part": "leg", "axis": "x", "factor": 0}, "factor"),
         ({"op": "resize", "part": "leg", "axis": "x", "factor": -1}, "factor"),
@@ -121,7 +122,7 @@ def test_no_json_whatever_crashes_it(value: object) -> None:
 
 
 def test_scripts_are_bounded() -> None:
-    with pytest.raises(InputError, match="at most 1000"):
+    with pytest.raises(InputError, match="1,001 operations; wanted a list of at most 1,000"):
         parse(json.dumps([{"op": "undo"}] * (MAX_OPERATIONS + 1)))
     with pytest.raises(InputError, match="at most 1,000,000"):
         parse(" " * (MAX_CHARACTERS + 1))

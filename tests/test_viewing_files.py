@@ -29,7 +29,8 @@ def test_an_export_is_the_file_that_the_command_writes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"\xff\xfe\x00", "no text in UTF-8"),
+        (b"\xff\xfe\x00", "no text in UTF-16"),
+        (b"[\xff]", "no text in UTF-8"),
         (b" " * (files.MAX_BYTES + 1), "wanted at most"),
         (b'[{"op": "explode"}]', "wanted"),
         (b"import os", "script"),

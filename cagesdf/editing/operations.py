@@ -39,7 +39,7 @@ Styles = Mapping[str, Float32[ndarray, " d"]]
 
 REACH = 2.0  # canonical: as far from the origin as a corner may be; the shape at rest reaches 1
 SMALLEST = 1e-3  # canonical: the least length of a cuboid
-FARTHEST = 1e9  # radii from the user's origin: as far as shapes are imported
+FARTHEST = 1e10  # radii from the user's origin, within what exports hold
 LARGEST = 1e25  # user's units that a radius may have; as small it may be
 ENDS = {"low": 0.5, "centre": 0.0, "high": -0.5}  # by what stays: how far the centre goes, as a share of the growth
 

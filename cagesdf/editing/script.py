@@ -198,6 +198,8 @@ def refusing() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
+        if error.title.lower() not in KINDS:
+            raise
         raise InputError(_refusal(error)) from error
 
 

@@ -34,7 +34,7 @@ VERTICES, INDICES = 34962, 34963
 # Beyond FAR times its longest side from the origin a shape is written from an origin of its own. Up to there float32
 # changes volumes by less than 1e-5 (docs/editing.md); at 1,000 times it makes edges where four faces meet.
 FAR = 64
-FARTHEST = 2.0**30  # longest sides from the origin: as far as float64 has float32's precision within the shape
+FARTHEST = 2.0**36  # longest sides from the origin: there float64 is as exact as float32 at FAR
 SMALLEST, LARGEST = 1e-30, 1e30  # longest sides, user's unit: what float32 has squares of
 
 
@@ -82,7 +82,8 @@ class Model:
     def boxes(self) -> Pieces:
         """The cuboids by part."""
         boxes = [*self.cuboids.values()]
-        return Pieces(join(boxes), np.repeat(np.arange(len(boxes)), [len(box.faces) for box in boxes]), (*self.cuboids,))
+        owner = np.repeat(np.arange(len(boxes)), [len(box.faces) for box in boxes])
+        return Pieces(join(boxes), owner, tuple(self.cuboids))
 
 
 # What is written: scenes by name, the one that is shown first.
@@ -110,7 +111,7 @@ def as_stored(mesh: Mesh) -> tuple[Mesh, Float[ndarray, " 3"]]:
     origin, positions = np.zeros(3), mesh.vertices
     if reach > FAR * side:
         unit = 2.0 ** np.ceil(np.log2(side))
-        step = unit * 2.0**-23
+        step = max(unit * 2.0**-23, 2.0 ** (np.ceil(np.log2(reach)) - 52))
         origin = np.round((low + high) / 2 / unit) * unit
         # Adding 0 makes -0 be 0.
         positions = np.round((mesh.vertices - origin) / step) * step + 0.0

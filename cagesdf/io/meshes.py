@@ -45,7 +45,8 @@ HEADER = (
     "element vertex {vertices}\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\n"
     "element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
 )
-KINDS = {"float": np.dtype("<f4"), "double": np.dtype("<f8")}  # PLY's words for the numbers of positions
+# PLY's words for the numbers of positions.
+KINDS: dict[str, np.dtype[Any]] = {"float": np.dtype("<f4"), "double": np.dtype("<f8")}
 FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
