@@ -38,6 +38,7 @@ from cagesdf.structure.stored import read_structure
 Styles = Mapping[str, Float32[ndarray, " d"]]
 
 REACH = 2.0  # canonical: as far from the origin as a corner may be; the shape at rest reaches 1
+MAX_RELATION = 1e6  # of the numbers of a relation: planes, ways, pivots, angles
 SMALLEST = 1e-3  # canonical: the least length of a cuboid
 FARTHEST = 1e10  # radii from the user's origin, within what exports hold
 LARGEST = 1e25  # user's units that a radius may have; as small it may be
@@ -67,7 +68,9 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
         case Redo():
             return history.redone()
         case _:
-            return history.then(_after(history.present, operation, styles))
+            # What overflows is refused by what it leads to.
+            with np.errstate(over="ignore", invalid="ignore"):
+                return history.then(_after(history.present, operation, styles))
 
 
 def _after(
@@ -121,6 +124,13 @@ def built(state: State, text: str, frame: tuple[float, ...] | None) -> State:
     if not (proper := _proper(cage.axes)).all():
         part = cage.part_ids[int(proper.argmin())]
         raise InputError(f"structure: the axes of {part!r} are no rotation; wanted two directions across each other")
+    for relation in structure.relations():
+        numbers = np.hstack([value for name, value in vars(relation).items() if name not in ("a", "b")])
+        if not np.abs(numbers).max() <= MAX_RELATION:
+            ends = f"{relation.a!r} and {relation.b!r}"
+            raise InputError(
+                f"structure: {ends} are related by numbers beyond {MAX_RELATION:g}; wanted canonical lengths"
+            )
     return State.opened(cage, structure, state.latent, similarity)
 
 

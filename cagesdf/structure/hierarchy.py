@@ -206,7 +206,7 @@ def _read_box(box: Any, path: str) -> Cuboid | None:
         return None
     try:
         numbers = np.asarray(box, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.zeros(0)
     if numbers.shape != (12,) or not np.isfinite(numbers).all():
         raise InputError(f"hierarchy node {path or 'root'}: box needs 12 finite numbers, got {str(box)[:60]}")
@@ -220,6 +220,8 @@ def _read_box(box: Any, path: str) -> Cuboid | None:
 
 def _vector(numbers: Any) -> tuple[float, float, float]:
     x, y, z = (float(number) for number in numbers)
+    if not np.isfinite([x, y, z]).all():
+        raise ValueError("wanted finite numbers")
     return x, y, z
 
 
@@ -238,7 +240,7 @@ def _read_relation(edge: dict[str, Any], children: tuple[Node, ...], path: str) 
             return Translation(a, b, _vector(params[:3]))
         if edge["type"] == "ROT_SYM":
             return Rotation(a, b, _vector(params[:3]), _vector(params[3:6]), float(params[6]))
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"hierarchy node {path}: edge {str(edge)[:80]} can't be read ({error!r})") from error
     raise InputError(
         f"hierarchy node {path}: edge type {edge['type']!r} is not one of ADJ, REF_SYM, TRANS_SYM, ROT_SYM"

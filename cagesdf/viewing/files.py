@@ -25,10 +25,11 @@ MAX_BYTES = 4_000_000  # of a script or program
 MAX_MESH_BYTES = 40_000_000  # of meshes, unpacked
 MAX_MESHES = 150  # in an archive
 MAX_NAME = 200  # bytes of a file's name
-# What zipfile raises for content that is damaged, encrypted, or packed in a way that it doesn't know.
+# What zipfile raises for content that is damaged, encrypted, or packed in a way that it doesn't know; ValueError for
+# names and places that can't be.
 DAMAGED = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError, RuntimeError, EOFError, OSError,
-    UnicodeDecodeError, OverflowError,
+    ValueError, OverflowError,
 )  # fmt: skip
 
 
@@ -102,6 +103,8 @@ def _unpacked(name: str, content: bytes) -> dict[str, bytes]:
                 if len(found[own]) > left or len(found) > MAX_MESHES:
                     most = f"at most {MAX_MESHES} meshes of {MAX_MESH_BYTES:,} bytes together"
                     raise InputError(f"{name}: holds too much; wanted {most}")
+    except InputError:
+        raise
     except DAMAGED as error:
         raise InputError(f"{name}: can't be read as a zip ({error})") from error
     if not found:
