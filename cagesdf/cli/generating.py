@@ -71,7 +71,7 @@ def generate(
     resolution
         Cells along 2.1 times the radius of the unit sphere.
     ending
-        The format of the meshes; .obj and .glb are cut into parts and have the cuboids too.
+        The format of the meshes; .obj and .glb are cut into parts, .glb has the cuboids too (as a second scene).
     stability
         How it is tested whether shapes stand: by the polygon that they stand on, or by letting them go and pushing them
         in a simulation (pip install 'cagesdf[physics]').
@@ -211,20 +211,17 @@ def _model(shape: "GeneratedShape") -> Any:
     import numpy as np
 
     from cagesdf.cuboid import CORNER_ORDER
-    from cagesdf.editing.parts import part_names
-    from cagesdf.io.exports import Model, as_stored
+    from cagesdf.editing.session import cut
+    from cagesdf.frames import Similarity
+    from cagesdf.io.exports import Model
     from cagesdf.meshes import Mesh
     from cagesdf.solid import CUBE_FACES
 
-    surface = as_stored(shape.mesh)
-    if shape.structure is None:
-        low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-        box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
-        return Model(surface, np.zeros(len(surface.faces), np.int64), {"shape": box})
-    owner, _ = shape.cage.assign(surface.corners().mean(axis=1))
-    names = part_names(shape.structure)
-    corners = zip(shape.cage.part_ids, shape.cage.corners())
-    return Model(surface, owner, {names[part]: Mesh(box, CUBE_FACES) for part, box in corners})
+    if shape.structure is not None:
+        return cut(shape.mesh, shape.cage, shape.structure, Similarity(1.0, np.eye(3), np.zeros(3)))
+    low, high = shape.mesh.vertices.min(axis=0), shape.mesh.vertices.max(axis=0)
+    box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
+    return Model.of(shape.mesh, {"shape": box}, lambda middles: np.zeros(len(middles), np.int64))
 
 
 def _sheet(path: Path, shapes: "list[GeneratedShape]") -> None:

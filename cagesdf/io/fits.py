@@ -18,9 +18,8 @@ from torch import Tensor
 from cagesdf.errors import InputError
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
-from cagesdf.io.meshes import write_ply
+from cagesdf.io.exports import Model, write_model
 from cagesdf.io.weights import read_header, read_tensors
-from cagesdf.meshes import Mesh
 
 FILES = ("cuboids.parquet", "programs.parquet", "latent.safetensors", "surface.ply", "report.json")
 LATENT = "latent.safetensors"
@@ -31,14 +30,14 @@ def write_fit(
     fitted: FittedCage,
     latent: Float[Tensor, " d"],
     film: Float[Tensor, "p l 2 h"],
-    surface: Mesh,
+    surface: Model,
     report: Mapping[str, Any],
 ) -> None:
-    """Write FILES into an existing folder; `surface` is raw, the cuboids canonical. `report` names the shape."""
+    """Write FILES into an existing folder; `cuboids.parquet` is canonical. `report` names the shape."""
     write_cuboids(folder, {report["shape_id"]: fitted})
     tensors = {"latent": latent, "film": film}
     (folder / LATENT).write_bytes(save({name: value.detach().cpu().contiguous() for name, value in tensors.items()}))
-    write_ply(folder / "surface.ply", surface)
+    write_model(folder / "surface.ply", surface)
     text = json.dumps(report, indent=1, ensure_ascii=False) + "\n"
     (folder / "report.json").write_text(text, encoding="utf-8", newline="\n")
 
