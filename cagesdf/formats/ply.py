@@ -18,7 +18,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import number, plain_text, quoted, read_bounded, whole_number
+from cagesdf.formats.content import numbers, plain_text, quoted, read_bounded, whole_numbers
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh, join
 from cagesdf.text import encoding_of
@@ -140,7 +140,7 @@ def _read_element(
         for i, item in enumerate(element.properties):
             count = 1 if item.length is None else int(rows.take(item.length, 1)[0])
             if i == loops:
-                corners.extend(min(int(index), MAX_INDEX) for index in rows.take(item.kind, count))
+                corners.extend([min(int(index), MAX_INDEX) for index in rows.take(item.kind, count)])
                 counts.append(count)
             elif i in axes:
                 numbers.extend(rows.take(item.kind, count))
@@ -185,7 +185,7 @@ class _Text(_Rows):
         words = self._words[self._at : self._at + max(count, 0)]
         self.skip(kind, count)
         try:
-            return [*map(number if kind[0] == "f" else whole_number, words)]
+            return numbers(words) if kind[0] == "f" else whole_numbers(words)
         except ValueError as error:
             raise self._wrong(str(error)) from error
 
