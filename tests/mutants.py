@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 import toy
+from gltf_files import Gltf
 
+from cagesdf.formats.gltf import read_gltf
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.formats.parts_folder import read_parts_file
 from cagesdf.formats.ply import read_ply
@@ -113,7 +115,14 @@ def stl_files() -> dict[str, bytes]:
     }
 
 
+def glb_files() -> dict[str, bytes]:
+    file = Gltf()
+    file.show(file.part(BOX, "seat"), file.part(toy.ball([0, 0, 0], 1, 8), "Stühle", scale=[1, -2, 3]))
+    return {"parts.glb": file.glb()}
+
+
 FORMATS = {
+    "glb": Format(glb_files, read_gltf),
     "obj": Format(obj_files, read_obj_groups),
     "ply": Format(ply_files, read_ply),
     "stl": Format(stl_files, read_stl),

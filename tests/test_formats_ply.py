@@ -40,6 +40,16 @@ def test_lengths_and_indices_may_be_of_any_whole_type(tmp_path: Path, order: str
         np.testing.assert_array_equal(mesh.faces, wanted)
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("kept", [slice(2, None), slice(0, 2), slice(0, 1)], ids=["quads", "hexagons", "one"])
+def test_rows_of_one_size_are_read_as_those_of_several(tmp_path: Path, order: str, kept: slice) -> None:
+    points, faces = mutants.quads()
+    mesh = read(tmp_path, mutants.ply_file(order, points, faces[kept]))
+    other = read(tmp_path, mutants.ply_file("ascii", points, faces[kept]))
+    np.testing.assert_array_equal(mesh.faces, other.faces)
+    np.testing.assert_allclose(mesh.vertices, other.vertices, atol=1e-7)
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_lines_may_end_in_any_way(tmp_path: Path, end: str) -> None:
     text = mutants.ply_file("ascii", *mutants.quads()).decode()

@@ -1,6 +1,7 @@
 """Bytes of foreign files: bounded before they are read, and text in one form whatever program wrote it."""
 
 import codecs
+from collections.abc import Callable
 from pathlib import Path
 
 from cagesdf.errors import InputError
@@ -47,22 +48,32 @@ def quoted(line: bytes) -> str:
     return repr(line[:60].decode("utf-8", errors="replace").strip())
 
 
-def number(word: bytes) -> float:
-    """A word of a text file as a number. Raises ValueError in words."""
+def numbers(words: list[bytes]) -> list[float]:
+    """Words of a text file as numbers. Raises ValueError in words."""
     try:
-        if b"_" not in word:  # Python would read it
-            return float(word)
+        if b"_" not in b"".join(words):  # Python would read 1_0
+            return [*map(float, words)]
     except ValueError:
         pass
-    reason = "a decimal point, not a comma" if b"," in word else "a number"
-    raise ValueError(f"{quoted(word)}: wanted {reason}")
+    wrong = next(word for word in words if b"_" in word or not _reads(float, word))
+    reason = "a decimal point, not a comma" if b"," in wrong else "a number"
+    raise ValueError(f"{quoted(wrong)}: wanted {reason}")
 
 
-def whole_number(word: bytes) -> int:
-    """A word of a text file as a whole number. Raises ValueError in words."""
+def whole_numbers(words: list[bytes]) -> list[int]:
+    """Words of a text file as whole numbers. Raises ValueError in words."""
     try:
-        if b"_" not in word:
-            return int(word)
+        if b"_" not in b"".join(words):
+            return [*map(int, words)]
     except ValueError:
         pass
-    raise ValueError(f"{quoted(word)}: wanted a whole number")
+    wrong = next(word for word in words if b"_" in word or not _reads(int, word))
+    raise ValueError(f"{quoted(wrong)}: wanted a whole number")
+
+
+def _reads(kind: Callable[[bytes], object], word: bytes) -> bool:
+    try:
+        kind(word)
+    except ValueError:
+        return False
+    return True

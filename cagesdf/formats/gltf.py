@@ -20,6 +20,7 @@ from cagesdf.errors import InputError
 from cagesdf.formats.gltf_json import FAN, FOREIGN, MAX_ENTRIES, STRIP, TRIANGLES, GltfJson, Primitive, foreign, load
 from cagesdf.formats.gltf_numbers import Numbers
 from cagesdf.formats.naming import distinct_names
+from cagesdf.formats.polygons import MAX_COORDINATE
 from cagesdf.meshes import Mesh, join
 
 SUFFIXES = (".glb", ".gltf")
@@ -178,7 +179,7 @@ class _Surfaces:
         mesh = self._meshes[key]
         with np.errstate(over="ignore", invalid="ignore"):
             vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
-        if not np.isfinite(vertices).all():
+        if not (np.abs(vertices) <= MAX_COORDINATE).all():
             name = _called("node", i, self._document.nodes[i].name)
             raise InputError(f"{self._path}, {name}: its place makes coordinates too large for any number")
         mirrors = np.linalg.slogdet(pose[:3, :3])[0] < 0

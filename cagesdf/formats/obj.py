@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import MAX_PARTS, names_of, number, plain_text, quoted, read_bounded, whole_number
+from cagesdf.formats.content import MAX_PARTS, names_of, numbers, plain_text, quoted, read_bounded, whole_numbers
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh
 
@@ -134,17 +134,17 @@ def _add_vertex(content: _Content, words: list[bytes]) -> None:
     """A vertex; a weight or colours behind its coordinates are left out."""
     if len(words) < 3:
         raise ValueError("a vertex needs three coordinates")
-    content.coordinates.extend([number(word) for word in words][:3])
+    content.coordinates.extend(numbers(words)[:3])
 
 
 def _add_face(content: _Content, words: list[bytes], line: int) -> None:
     known = len(content.coordinates) // 3
-    corners = [whole_number(word.partition(b"/")[0]) for word in words]
+    corners = whole_numbers([word.partition(b"/")[0] for word in words])
     if len(corners) < 3:
         raise ValueError("a face needs three vertices")
     if 0 in corners or max(corners) > known or min(corners) < -known:
         raise ValueError(f"there are {known} vertices before it, counted from 1, or from -1 backwards")
-    content.corners.extend(corner - 1 if corner > 0 else corner + known for corner in corners)
+    content.corners.extend([corner - 1 if corner > 0 else corner + known for corner in corners])
     content.counts.append(len(corners))
     content.lines.append(line)
     content.owners.append(len(content.names) - 1)

@@ -12,13 +12,14 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import number, plain_text, quoted, read_bounded, whole_number
+from cagesdf.formats.content import numbers, plain_text, quoted, read_bounded, whole_numbers
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh, join
 from cagesdf.text import encoding_of
@@ -72,6 +73,10 @@ class _Rows(ABC):
     @abstractmethod
     def table(self, element: _Element, columns: list[int]) -> Float[ndarray, "r p"]:
         """Some columns of an element without lists."""
+
+    def alike(self, element: _Element) -> Shaped[ndarray, " r"] | None:
+        """All rows of an element at once, a field for each property, if they are of one size; otherwise None."""
+        return None
 
     @abstractmethod
     def begin(self, element: _Element, row: int) -> None:
@@ -132,6 +137,11 @@ def _read_element(
     """The properties `axes` of an element's rows, and the lists of its property `loops`."""
     if not any(item.length for item in element.properties):
         return rows.table(element, axes), NONE
+    if (alike := rows.alike(element)) is not None:
+        columns = [alike[str(axis)].astype(np.float64) for axis in axes]
+        loop = alike[str(loops)].astype(np.int64) if loops is not None else np.zeros((0, 0), np.int64)
+        polygons = Polygons(loop.ravel(), np.full(len(loop), loop.shape[1]))
+        return np.stack(columns, axis=1) if columns else np.zeros((0, 0)), polygons
     if element.count > MAX_ROWS:
         raise InputError(f"{path}: has {element.count:,} rows of element {element.name}; wanted at most {MAX_ROWS:,}")
     numbers, corners, counts = array("d"), array("q"), array("q")
@@ -140,7 +150,7 @@ def _read_element(
         for i, item in enumerate(element.properties):
             count = 1 if item.length is None else int(rows.take(item.length, 1)[0])
             if i == loops:
-                corners.extend(min(int(index), MAX_INDEX) for index in rows.take(item.kind, count))
+                corners.extend([min(int(index), MAX_INDEX) for index in rows.take(item.kind, count)])
                 counts.append(count)
             elif i in axes:
                 numbers.extend(rows.take(item.kind, count))
@@ -185,7 +195,7 @@ class _Text(_Rows):
         words = self._words[self._at : self._at + max(count, 0)]
         self.skip(kind, count)
         try:
-            return [*map(number if kind[0] == "f" else whole_number, words)]
+            return numbers(words) if kind[0] == "f" else whole_numbers(words)
         except ValueError as error:
             raise self._wrong(str(error)) from error
 
@@ -224,6 +234,30 @@ class _Binary(_Rows):
         rows = np.frombuffer(self._content, kinds, element.count, start) if element.count else np.zeros(0, kinds)
         with np.errstate(invalid="ignore"):  # NaN is refused with its face
             return np.stack([rows[str(i)].astype(np.float64) for i in columns], axis=1)
+
+    def alike(self, element: _Element) -> Shaped[ndarray, " r"] | None:
+        if not element.count:
+            return None
+        start, lengths = self._at, []
+        fields: list[tuple[Any, ...]] = []
+        self.begin(element, 0)
+        for i, item in enumerate(element.properties):
+            count = 1
+            if item.length is not None:
+                count = int(self.take(item.length, 1)[0])
+                lengths.append(f"length of {i}")
+                fields.append((lengths[-1], self._order + item.length))
+            self.skip(item.kind, count)
+            fields.append((str(i), self._order + item.kind, () if item.length is None else (count,)))
+        self._at = start
+        kinds = np.dtype(fields)
+        if element.count * kinds.itemsize > len(self._content) - start:
+            return None
+        rows = np.frombuffer(self._content, kinds, element.count, start)
+        if any((rows[length] != rows[length][0]).any() for length in lengths):
+            return None
+        self._pass(element.count * kinds.itemsize)
+        return rows
 
     def begin(self, element: _Element, row: int) -> None:
         self._place = f"row {row} of the {element.count:,} of element {element.name}"

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import MAX_PARTS, names_of, number, plain_text, quoted, read_bounded
+from cagesdf.formats.content import MAX_PARTS, names_of, numbers, plain_text, quoted, read_bounded
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh
 from cagesdf.text import encoding_of
@@ -96,21 +96,20 @@ def _solids(path: Path, text: bytes) -> Iterator[tuple[bytes, Mesh]]:
         begin = SOLID.match(text, position)
         if begin is None:
             raise _unexpected(path, text, position, "solid NAME")
-        position, numbers = begin.end(), array("d")
+        position, coordinates = begin.end(), array("d")
         while facet := FACET.match(text, position):
-            convert = number if b"_" in facet[0] else float  # float is faster, and reads 1_0
             try:
-                numbers.extend(map(convert, facet.groups()[3:]))
+                coordinates.extend(numbers([*facet.groups()[3:]]))
             except ValueError:
                 raise _no_number(path, text, facet) from None
             position = facet.end()
         end = END.match(text, position)
         if end is None:
             raise _broken(path, text, position, begin)
-        if not numbers:
+        if not coordinates:
             line = _line(text, begin.start(1))
             raise InputError(f"{path}, {line}: {_called(begin)} has no faces; remove it, or export it again")
-        yield begin[1].strip(), _mesh(path, np.array(numbers).reshape(-1, 3, 3))
+        yield begin[1].strip(), _mesh(path, np.array(coordinates).reshape(-1, 3, 3))
         position = end.end()
 
 
@@ -118,7 +117,7 @@ def _no_number(path: Path, text: bytes, facet: re.Match[bytes]) -> InputError:
     """The error for the coordinate of a facet that is none."""
     for group in range(4, 13):
         try:
-            number(facet[group])
+            numbers([facet[group]])
         except ValueError as error:
             return InputError(f"{path}, {_line(text, facet.start(group))}: {error}; export it again")
     raise AssertionError("all are numbers")
