@@ -230,7 +230,7 @@ def _vector(numbers: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _read_relation(edge: dict[str, Any], children: tuple[Node, ...], path: str) -> Relation:
+def _read_relation(edge: Any, children: tuple[Node, ...], path: str) -> Relation:
     try:
         first, second = int(edge["part_a"]), int(edge["part_b"])
         if min(first, second) < 0:
