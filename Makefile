@@ -54,7 +54,7 @@ demo: .venv/installed
 	cp "$$folder"/data/programs/chair/*.* cagesdf/demo/programs && rm cagesdf/demo/*/log.jsonl
 
 test: .venv/installed-dev
-	python -m pytest -n 2
+	python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: .venv/installed-dev
 	ruff check . && ruff format --check . && mypy

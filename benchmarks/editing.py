@@ -24,6 +24,7 @@ from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
 from cagesdf.io.runs import read_run
 from cagesdf.meshes import is_closed
+from cagesdf.training.precision import processor
 
 EDITS = 10  # of each shape
 KINDS = ("move", "resize", "rotate", "set", "swap", "blend")
@@ -75,6 +76,7 @@ def main(run: Path, threads: int, edits: int, resolutions: list[int], seed: int)
     pool = ThreadPoolExecutor(threads)
     session = Session(read_run(run))
     todo = scripts(session, edits, seed)
+    print(f"On {processor()}.\n")
     print("| cells | edits | | wall p50 | p95 | largest | processor p50 | p95 | asked p50 | first p50 |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for resolution in resolutions:
@@ -87,10 +89,10 @@ def main(run: Path, threads: int, edits: int, resolutions: list[int], seed: int)
             live.surface(history.present)
             first.append(time.perf_counter() - start)
             for operation in operations:
-                wall, processor = time.perf_counter(), time.process_time()
+                wall, begun = time.perf_counter(), time.process_time()
                 history = apply(history, operation, session.styles)
                 found = live.surface(history.present)
-                took = time.perf_counter() - wall, time.process_time() - processor, found.asked
+                took = time.perf_counter() - wall, time.process_time() - begun, found.asked
                 assert is_closed(found.mesh), (shape_id, operation)
                 times[operation.op].append(took)
                 times["all"].append(took)

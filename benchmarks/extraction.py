@@ -34,6 +34,7 @@ from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import read_shapes
 from cagesdf.meshes import Mesh, sample_surface
+from cagesdf.training.precision import processor
 
 CATEGORIES = ("chair", "table", "vase")
 RUNS, SHAPES = Path("data/runs"), Path("data/shapes")
@@ -236,6 +237,7 @@ def main() -> None:
     of.add_argument("shape", type=int)
     given = vars(parser.parse_args())
     torch.set_num_threads(1)
+    print(f"On {processor()}.\n")
     tables: dict[str, Callable[..., None]] = {
         "methods": methods,
         "overlaps": overlaps,

@@ -30,6 +30,7 @@ from cagesdf.importing import import_shape
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import read_shapes
+from cagesdf.training.precision import processor
 
 RESOLUTION = 128
 HEAD = (
@@ -125,6 +126,7 @@ def main() -> None:
                     all_fitted(run, known, [*find_shapes(options.source, "*")]),
                 )
             )
+    print(f"On {processor()}.\n")
     print(f"\n{HEAD}\n" + "\n".join(rows))
 
 

@@ -26,6 +26,7 @@ from cagesdf.fitting.programs import bound_program, fit_program, fitting_loss, m
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram
+from cagesdf.training.precision import processor
 
 TOLERANCE = 1e-4  # of the points that count as outside, the program's unit
 ROUND = 8  # exponent of the superellipsoids that the parts are
@@ -123,6 +124,7 @@ def main() -> None:
         except ProgramError as error:
             print(f"left out: {error}", file=sys.stderr)
         print(f"\r{number + 1}/{len(order)}", end="", file=sys.stderr, flush=True)
+    print(f"On {processor()}.\n")
     print(file=sys.stderr)
     print(table(results))
 

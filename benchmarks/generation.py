@@ -31,6 +31,7 @@ from cagesdf.generating import (
 )
 from cagesdf.io.generators import read_generator
 from cagesdf.io.runs import read_run
+from cagesdf.training.precision import processor
 
 CATEGORIES, ARMS = ("chair", "table", "vase"), ("cagesdf", "cagesdf_global", "deepsdf")
 TURNS = 3
@@ -80,6 +81,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("data"))
     given = parser.parse_args()
     torch.set_num_threads(1)
+    print(f"On {processor()}.\n")
     print(
         "| category | arm | method | shapes/s, 1 core | 2 cores | faces | with a surface |\n"
         "|---|---|---|---|---|---|---|"

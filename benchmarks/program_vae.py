@@ -31,6 +31,7 @@ from cagesdf.stability import rooted, stable
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram
+from cagesdf.training.precision import processor
 
 sys.path.append(str(Path(__file__).parent.parent / "tests"))
 import one_program
@@ -71,6 +72,7 @@ def speed(folder: Path) -> None:
         times[1].append(seconds(one_by_one, batch[:4], adams[1]))
     ours, theirs = (1 / median(values) for values in times)
     lines = np.mean([sum(len(block.lines) + 1 for block in program) for program in tokens])
+    print(f"On {processor()}.\n")
     print(f"{sum(p.numel() for p in models[0].parameters()):,} weights; {lines:.1f} lines a program")
     print("| | programs/s | of the official |\n|---|---|---|")
     print(f"| batches of {BATCH} | {ours:.0f} | {ours / OFFICIAL:.1f} |")

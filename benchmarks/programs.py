@@ -23,6 +23,7 @@ import numpy as np
 from cagesdf.formats.shapeassembly import list_programs
 from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.parsing import parse
+from cagesdf.training.precision import processor
 
 TOLERANCE = 1e-4
 REPETITIONS = 5
@@ -79,6 +80,7 @@ def main(folder: Path, cuboids: Path | None) -> None:
         outside = {name: error for name, error in found.items() if error > TOLERANCE}
         heads.append("within 1e-4")
         cells.append(f"{1 - len(outside) / len(found):.2%} of {len(found):,}")
+    print(f"On {processor()}.\n")
     print("\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), cells)))
     for name, error in outside.items():
         print(f"\n{name}: {error:.2g}")

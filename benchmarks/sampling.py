@@ -27,6 +27,7 @@ from cagesdf.io.points import CHUNK, PointChunks, write_shard
 from cagesdf.meshes import Mesh
 from cagesdf.sampling import sample_near, sample_points
 from cagesdf.solid import make_solid, union
+from cagesdf.training.precision import processor
 
 BETA = 60.0
 BATCH = 2**18  # candidates of the two slow ones at once
@@ -186,6 +187,7 @@ def main() -> None:
         name, count, reference = args.sampler
         print(json.dumps(importance(name, int(count), args.repetitions, Path(reference))))
     else:
+        print(f"On {processor()}.\n")
         print(tables(args.near, args.repetitions))
 
 

@@ -20,6 +20,8 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
+from cagesdf.training.precision import processor
+
 ROOT = Path(__file__).parent.parent
 STAGES = {
     "synthesize": "{category} raw",
@@ -59,6 +61,7 @@ def main() -> None:
         at_paper = stage(largest, "sample_points", options.category, 1)
         dense_points = bytes_below(largest / "points")
     heads = [f"{size} shapes" for size in sizes] + [f"wall, {os.cpu_count()} workers", "a shape", "20,000 deformed"]
+    print(f"On {processor()}.\n")
     print("| stage | " + " | ".join(heads) + " |\n|---|" + "---|" * len(heads))
     sources = DEFORMED / training
     for name in STAGES:

@@ -23,6 +23,7 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh, join, sample_surface
 from cagesdf.solid import union
+from cagesdf.training.precision import processor
 
 JUDGED = 5000  # points whose truth is found
 FEW = 4000  # points that slow ones are asked
@@ -157,6 +158,7 @@ def main() -> None:
             rows.append(row(name, given, child.ask(__file__, "--only", name, given, *options)))
             print(rows[-1], file=sys.stderr)
     header = "| library | given | points | points/s | wrong sign | distance off by > 1e-4 | by at most | peak MB |"
+    print(f"On {processor()}.\n")
     print(child.table(header, rows))
 
 

@@ -16,6 +16,7 @@ from cagesdf.generating import STABILITIES
 from cagesdf.stability import rooted
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import read_program
+from cagesdf.training.precision import processor
 
 
 def main() -> None:
@@ -32,6 +33,7 @@ def main() -> None:
         start = time.process_time()
         found[name] = [stable(cage) for cage in standing]
         seconds[name] = 1000 * (time.process_time() - start) / max(len(standing), 1)
+    print(f"On {processor()}.\n")
     print(f"{len(cages)} programs, {len(standing)} rooted; ms of processor time a shape: {seconds}\n")
     print("| by support | by simulation | shapes |\n|---|---|---|")
     for (support, simulation), count in sorted(Counter(zip(found["support"], found["simulation"])).items()):

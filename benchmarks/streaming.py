@@ -29,6 +29,7 @@ from cagesdf.models.latents import LatentTable
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.points import StreamedPoints, open_points
+from cagesdf.training.precision import fitting_precision, processor
 
 SHAPES, STEPS, PARTS, SHARDS = 500, 4, 16, 16
 SECONDS = 8.0
@@ -119,13 +120,16 @@ def beside(data: StreamedPoints, batch: int, held: bool) -> float:
     if held:
         batches.at = lambda step: first  # type: ignore[method-assign]
     steps = max(int(300_000 * SECONDS / (batch * CHUNK)), 3)
-    settings = TrainSettings(steps, 1e-3, 1e-2, "cosine", 1, 0.0, 1e-4, "bfloat16", steps, steps, ())
+    settings = TrainSettings(
+        steps, 1e-3, 1e-2, "cosine", 1, 0.0, 1e-4, fitting_precision("auto", "cpu"), steps, steps, ()
+    )
     begun = time.perf_counter()
     train(decoder, latents, batches, settings, Checkpoint(Path("nowhere")), lambda step, loss: None)
     return steps * batch * CHUNK / (time.perf_counter() - begun)
 
 
 def main(millions: float, limit: int) -> None:
+    print(f"On {processor()}.\n")
     with tempfile.TemporaryDirectory() as name:
         folder, cages = Path(name), sequences()
         begun = time.perf_counter()

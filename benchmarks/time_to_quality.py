@@ -26,6 +26,7 @@ from cagesdf.io.scores import read_scores
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
 from cagesdf.models.decoders import Decoder
+from cagesdf.training.precision import processor
 from pipeline import draw, item_rng, load, parallel_map
 from stages import evaluate, extract_meshes, train
 
@@ -117,6 +118,7 @@ def main() -> None:
     parser.add_argument("--arm", default="cagesdf")
     parser.add_argument("--category", default="chair")
     options = parser.parse_args()
+    print(f"On {processor()}.\n")
     print(f"| training | steps | s | cells | {' | '.join(METRICS)} |\n|---|---|---|---|---|---|---|", flush=True)
     steps = steps_in(options.seconds, options.arm, options.category)
     for seed in options.seeds:

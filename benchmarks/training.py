@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -27,6 +26,7 @@ from cagesdf.training.batches import Batch
 from cagesdf.training.gradients import Gradients, slice_threads
 from cagesdf.training.losses import latent_penalty
 from cagesdf.training.points import LoadedPoints
+from cagesdf.training.precision import fitting_precision, processor
 from pipeline import TrainParams, item_rng, load
 
 WIDTHS = (128, 256, 512)
@@ -121,7 +121,9 @@ def main(category: str, seconds: float = 10) -> None:
     table = LatentTable.drawn(data.latent_keys("source"), shared.latent_dim, shared.latent_std, 0)
     source = data.batches(table, shared.batch_chunks, 0)
     batches = [source.at(step) for step in range(200)]
-    precision: Literal["float32", "bfloat16"] = shared.precision
+    precision = fitting_precision(shared.precision, "cpu")
+    print(f"Products in {precision}.\n")
+    print(f"On {processor()}.\n")
     print("| width | plain | " + " | ".join(f"`{name}` | times" for name in params) + " |")
     print("|" + "---|" * (2 + 2 * len(params)))
     torch.set_num_threads(1)

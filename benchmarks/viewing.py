@@ -20,6 +20,7 @@ from cagesdf.cli.fitting import imported, settings_of
 from cagesdf.cli.viewing import DEMO
 from cagesdf.cuboid import Cage
 from cagesdf.editing.parts import part_names
+from cagesdf.training.precision import processor
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.scene import GIZMO_SIZE
 from cagesdf.viewing.server import serving
@@ -95,6 +96,7 @@ def main() -> None:
             camera = Camera(np.array(client.position), np.array(client.look_at), client.fov)
             found = drags(page, camera, state.cage, [(part, names[part]) for part in names], arguments.moves)
         browser.close()
+    print(f"On {processor()}.\n")
     print("| cells | n | p50 s | p95 s | largest s | the surface alone, p50 s |\n|---|---|---|---|---|---|")
     for cells, seconds in found.items():
         whole, making = np.array(seconds).T

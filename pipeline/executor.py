@@ -90,9 +90,15 @@ def device() -> str:
     import torch
 
     value = os.environ.get("CAGESDF_DEVICE") or "auto"
-    if value != "auto":
-        return value
-    return "cuda" if torch.cuda.is_available() else "cpu"
+    if value == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        kind = torch.device(value).type
+    except RuntimeError as error:
+        raise SettingError(f"CAGESDF_DEVICE: wanted a device such as cpu or cuda, got {value!r}") from error
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise SettingError(f"CAGESDF_DEVICE: got {value!r}, but torch finds no GPU here; wanted cpu")
+    return value
 
 
 def parallel_map(

@@ -200,8 +200,9 @@ def _loaded(stored: bytes | Path) -> Callable[[Any], Any]:
 
 
 def _call_stored(stored: Path, seconds: float, item: Any) -> Any:
+    function = _loaded(stored)  # what it imports is not the item's time
     with _watched(seconds):
-        return _loaded(stored)(item)
+        return function(item)
 
 
 def _call_function(item: Any, function: _Function, seconds: float) -> Any:

@@ -138,3 +138,18 @@ def test_other_cuboids_bring_their_own_mirrors_and_leave_the_tree_as_it_is() -> 
     (before,), (after,) = hierarchy.relations(), other.relations()
     assert np.allclose(np.abs(after.normal), np.abs(before.normal))
     assert np.isclose(after.point[0], before.point[0] + 1)
+
+
+def test_an_id_that_is_made_unique_meets_no_other() -> None:
+    """The second 7 would be called as the node before it already is."""
+    entry = {"id": 0, "label": "x", "children": [leaf("7@2"), leaf(7), leaf(7)]}  # type: ignore[arg-type]
+    parts = PartHierarchy.from_dict(entry).parts()
+    assert parts == ("7@2", "7", "7@2@2")
+
+
+@pytest.mark.parametrize("parts", [("root",), ("root", "root_"), ("", "root"), ("seat",)])
+def test_a_flat_hierarchys_root_is_none_of_its_parts(parts: tuple[str, ...]) -> None:
+    flat = PartHierarchy.flat(parts, ("",) * len(parts), "stool")
+    again = PartHierarchy.from_json(flat.to_json())
+    assert again.parts() == flat.parts() == flat.children(flat.root()) == parts
+    assert again.root() not in parts

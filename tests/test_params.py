@@ -94,7 +94,17 @@ def test_a_stage_has_the_categories_and_arms_that_are_run_and_they_stand_in_one_
         ("make_clouds", {"points": 511}, r"make_clouds\.points: .*evaluate_generation\.points, 512"),
         ("make_clouds", {"seed": 1}, r"make_clouds\.seed: got 1, wanted another than synthesize\.seed"),
     ],
-    ids=lambda value: value if isinstance(value, str) and value.isidentifier() else "",
+    ids=[
+        "an arm twice",
+        "no category",
+        "a category that is a path",
+        "a generator that is not run",
+        "a step too late",
+        "the rest shape held out",
+        "fewer points than features need",
+        "fewer points than are compared",
+        "one seed",
+    ],
 )
 def test_what_sections_say_against_each_other_is_said_before_any_stage_runs(
     section: str, changes: dict, say: str, tmp_path: Path, content: dict

@@ -316,7 +316,8 @@ def test_chosen_shapes_are_different_and_in_order(total: int, count: int) -> Non
 GAINS = (0.9, -1.0, 0.5)  # of the stools' swaps
 PARAMS = Params(format=1)
 REPORT = ReportParams(
-    format=1, shapes=2, generated=2, image_size=32, categories=("stool",), arms=("cagesdf", "deepsdf"), generators=("cagesdf",),
+    format=1, shapes=2, generated=2, image_size=32,
+    categories=("stool",), arms=("cagesdf", "deepsdf"), generators=("cagesdf",),
 )  # fmt: skip
 
 
@@ -456,15 +457,17 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
         assert first.read_bytes() == again.read_bytes()
 
 
-def test_leftovers_of_other_runs_change_nothing(data: Path) -> None:
+def plain_page(path: Path, tables: object, categories: list[Category], *options: object) -> None:
+    """What a page is made of, without pictures."""
+    rows = [(category.name, category.comparison.columns, sorted(category.losses)) for category in categories]
+    path.write_text(f"{tables}\n{rows}", encoding="utf-8")
+
+
+def test_leftovers_of_other_runs_change_nothing(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "write_page", plain_page)
     first = make(data, "a")
-    for left in (
-        "shapes/lamp",
-        "meshes/lamp/cagesdf",
-        "meshes/stool/renamed",
-        "runs/stool/renamed",
-        "generated/stool/x",
-    ):
+    renamed = [f"{kind}/stool/renamed" for kind in ("meshes", "runs", "generated")]
+    for left in ("shapes/lamp", "meshes/lamp/cagesdf", *renamed):
         (data / left).mkdir(parents=True)
         (data / left / artefact.MANIFEST).write_text("{", encoding="utf-8")
     for before, after in zip(first, make(data, "b"), strict=True):
@@ -472,17 +475,18 @@ def test_leftovers_of_other_runs_change_nothing(data: Path) -> None:
         assert (before.parent / artefact.MANIFEST).read_bytes() == (after.parent / artefact.MANIFEST).read_bytes()
 
 
-def test_a_report_that_fails_on_its_page_leaves_the_tables_and_the_page_of_the_last_one(
+def test_a_report_that_fails_leaves_the_tables_and_the_page_of_the_last_one(
     data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(report, "write_page", plain_page)
     last = [path.read_bytes() for path in make(data, "a")]
+    (data / "scores" / "stool" / "scores.parquet").unlink()
+    with pytest.raises(artefact.ArtefactError, match=r"stool: lacks scores\.parquet"):
+        make(data, "a")
 
     def fail(*arguments: object) -> None:
         raise InputError("no picture")
 
-    (data / "scores" / "stool" / "scores.parquet").unlink()
-    with pytest.raises(artefact.ArtefactError, match=r"stool: lacks scores\.parquet"):
-        make(data, "a")
     write_rows(data / "scores" / "stool", [("cagesdf", "stool_0", 0)])
     monkeypatch.setattr(report, "write_page", fail)
     with pytest.raises(InputError, match="no picture"):

@@ -14,7 +14,16 @@ from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.sampling import Samples, bound_cells, sample_near, sample_points, uniform_in, weight_bound
+from cagesdf.sampling import (
+    BOUND_BITS,
+    Samples,
+    bound_cells,
+    rounded_up,
+    sample_near,
+    sample_points,
+    uniform_in,
+    weight_bound,
+)
 from cagesdf.solid import union
 
 SIZE = np.array([0.9, 0.5, 0.2])
@@ -45,7 +54,8 @@ def board() -> SurfaceDistance:
 
 @pytest.fixture(scope="module")
 def plain() -> np.ndarray:
-    return plain_rejection(SEEN, 60.0, np.random.default_rng(2))
+    """More than is compared, so that its own luck counts less."""
+    return plain_rejection(4 * SEEN, 60.0, np.random.default_rng(2))
 
 
 def agreement(ours: np.ndarray, plain: np.ndarray) -> float:
@@ -253,3 +263,11 @@ def test_the_same_seed_gives_the_same_samples_and_another_others() -> None:
     for name in ("part", "points", "sdf", "near"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert first.points.shape != other.points.shape or (first.points != other.points).any()
+
+
+@given(st.floats(1e-300, 1.0))
+def test_rounded_bounds_are_no_smaller_hardly_larger_and_few(bound: float) -> None:
+    rounded = rounded_up(np.array([bound]))
+    assert bound <= rounded[0] <= bound * (1 + 2.0 ** (1 - BOUND_BITS))
+    assert np.array_equal(rounded_up(rounded), rounded)
+    assert (np.frexp(rounded)[0] * 2.0**BOUND_BITS) % 1 == 0, "other digits than the first are 0 on every processor"

@@ -5,13 +5,16 @@ from collections.abc import Iterator
 
 import pytest
 import test_cli
+import viser
 from test_cli import Command
+from viser.infra import _infra as infra
+from websockets.asyncio import server as sockets
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from cagesdf.errors import InputError
-from cagesdf.viewing.server import PORTS, Server, free_port
+from cagesdf.viewing.server import OWN_PAGES, PORTS, Server, free_port
 
 command = test_cli.command  # the fixture
 
@@ -80,6 +83,20 @@ def test_a_place_that_can_not_be_listened_at_is_refused_before_anything_waits(
 @pytest.mark.parametrize("options", [("--port", "70000"), ("--host", "203.0.113.7")])
 def test_the_command_says_so_in_one_line_with_status_one(command: Command, options: tuple[str, str]) -> None:
     assert command.complaint("view", "--demo", *options).startswith(f"cagesdf: {' '.join(options)}")
+
+
+def test_other_sockets_of_the_process_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, seen = sockets.serve, []
+
+    def opened(self: viser.ViserServer, *arguments: object, **options: object) -> None:
+        seen.append((sockets.serve, infra.websockets.asyncio.server.serve.keywords))
+
+    monkeypatch.setattr(viser.ViserServer, "__init__", opened)
+    library = infra.websockets
+    Server("127.0.0.1", 0)
+    Server("0.0.0.0", 0)
+    assert seen == [(plain, {"origins": OWN_PAGES}), (plain, {"origins": None})]
+    assert infra.websockets is library
 
 
 def test_no_page_can_make_it_public(server: Server) -> None:

@@ -12,6 +12,7 @@ from cagesdf.meshes import Mesh, sample_surface
 from cagesdf.solid import union
 from cagesdf.synthesis.dataset import build
 from cagesdf.synthesis.recipe import Recipe
+from cagesdf.synthesis.writing import OBJ_DIGITS
 
 FRESH = "drawn_"  # ids of references that were drawn for comparison alone begin so
 
@@ -38,8 +39,11 @@ def cloud_of(parts: Sequence[Mesh], count: int, rng: np.random.Generator) -> Flo
 
 
 def recipe_parts(recipe: Recipe, style: Recipe) -> list[Mesh]:
-    """The parts of one recipe's cuboids in the style of another of its family, as importing brings them: canonical."""
-    meshes = [part.mesh for part in build(recipe, style)]
+    """The parts of one recipe's cuboids in the style of another of its family, as importing brings them: canonical.
+
+    Vertices are rounded as in written files, which hides what processors' sines and powers differ in.
+    """
+    meshes = [part.mesh.with_vertices(part.mesh.vertices.round(OBJ_DIGITS)) for part in build(recipe, style)]
     similarity = canonical_similarity(np.concatenate([mesh.vertices for mesh in meshes]), "y")
     return [mesh.with_vertices(similarity.to_canonical(mesh.vertices)) for mesh in meshes]
 

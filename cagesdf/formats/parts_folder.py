@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.errors import InputError
+from cagesdf.formats import gltf
+from cagesdf.formats.naming import UNNAMED, distinct_names, part_name
 from cagesdf.formats.obj import read_bounded, read_obj, read_obj_groups
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb")
-SCENE_SUFFIXES = (".obj", ".glb")  # files that can hold several named parts
-UNNAMED = "part"
+MESH_SUFFIXES = (".obj", ".ply", ".stl", *gltf.SUFFIXES)
+SCENE_SUFFIXES = (".obj", *gltf.SUFFIXES)  # files that can hold several named parts
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -36,11 +37,11 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     files = part_files(folder)
     if not files:
         raise InputError(f"{folder}: holds no mesh; wanted one {', '.join(MESH_SUFFIXES)} file for each part")
-    return _flat(folder, shape_id, split, [(path.stem, _read_mesh(path)) for path in files])
+    return _flat(folder, shape_id, split, [(part_name(path.stem), _read_mesh(path)) for path in files])
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
-    """One shape from one OBJ, whose objects or groups are the parts, or one GLB, whose scene nodes are.
+    """One shape from one OBJ, whose objects or groups are the parts, or one glTF, whose scene nodes are.
 
     A PLY or STL file, which has neither, is a shape of one part.
 
@@ -49,7 +50,8 @@ def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
     parts = read_obj_groups(path) if path.suffix.lower() == ".obj" else _read_scene(path)
     if not parts:
         raise InputError(f"{path}: has no faces; wanted a part in each of its groups or nodes")
-    return _flat(path, shape_id, split, [(name or UNNAMED, mesh) for name, mesh in parts])
+    ids = distinct_names(name for name, _ in parts)
+    return _flat(path, shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True)))
 
 
 def _natural(path: Path) -> tuple[list[str | int], str]:
@@ -81,9 +83,11 @@ def _read_mesh(path: Path) -> Mesh:
 
 
 def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
-    """The meshes of a PLY, STL or GLB file with the names of their nodes, placed as the scene places them."""
+    """The meshes of a PLY, STL or glTF file with the names of their nodes, placed as the scene places them."""
     import trimesh
 
+    if path.suffix.lower() in gltf.SUFFIXES:
+        return gltf.read_gltf(path)
     kind = path.suffix.lower().removeprefix(".")
     content = io.BytesIO(read_bounded(path))
     try:

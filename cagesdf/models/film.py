@@ -113,12 +113,13 @@ class _Modulated(torch.autograd.Function):
         width = gradient.shape[-1]
         to_scales, to_shifts, to_weights = [], [], []
         to_features = torch.zeros_like(features) if ctx.needs_input_grad[0] else None
+        scaled = torch.empty_like(gradient)  # one buffer for all layers: new ones cost a fifth of a step in float32
         for i in reversed(range(count)):
             gradient = torch.ops.aten.threshold_backward(gradient, outputs[i], 0)
             to_shifts.append(gradient.sum(dim=1))
             if scales is not None:
-                to_scales.append((gradient * rest[i]).sum(dim=1))
-                gradient = gradient * scales[:, i, None]
+                to_scales.append(torch.mul(gradient, rest[i], out=scaled).sum(dim=1))
+                gradient.mul_(scales[:, i, None])
             if ctx.needs_input_grad[5 + i]:
                 to_weights.append(gradient.flatten(0, 1).T @ inputs[i].flatten(0, 1))
             else:
@@ -153,6 +154,7 @@ def _layers(
         inputs = torch.cat([hidden, features], dim=-1) if 0 < i == again else hidden
         product = inputs @ weight.T
         shift = shifts[:, i, None]
-        moved = product + shift if scales is None else torch.addcmul(shift, product, scales[:, i, None])
+        # Without scales nobody asks for the product again.
+        moved = product.add_(shift) if scales is None else torch.addcmul(shift, product, scales[:, i, None])
         hidden = moved.relu_()
         yield inputs, product, hidden

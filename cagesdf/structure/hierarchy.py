@@ -50,7 +50,10 @@ class PartHierarchy(Structure):
     def flat(part_ids: tuple[str, ...], labels: tuple[str, ...], category: str) -> "PartHierarchy":
         """A root with the parts below it: what a plain folder of part meshes tells."""
         leaves = tuple(Node(part_id, label, (), (), None) for part_id, label in zip(part_ids, labels))
-        return PartHierarchy(Node("root", category, leaves, (), None))
+        root = "root"
+        while root in part_ids:
+            root += "_"
+        return PartHierarchy(Node(root, category, leaves, (), None))
 
     def _nodes(self) -> dict[str, Node]:
         return {node.node_id: node for node in self.tree.walk()}
@@ -185,7 +188,7 @@ class PartHierarchy(Structure):
             if depth > MAX_DEPTH or len(seen) >= MAX_NODES:
                 raise InputError(f"hierarchy: more than {MAX_DEPTH} levels or {MAX_NODES} nodes at node {path}")
             node_id = str(entry["id"])
-            if node_id in seen:
+            while node_id in seen:
                 node_id = f"{node_id}@{path}"
             seen.add(node_id)
             children = tuple(

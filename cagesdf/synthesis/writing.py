@@ -22,6 +22,7 @@ from cagesdf.synthesis.dataset import assemble, build, draw
 from cagesdf.synthesis.recipe import Recipe
 
 DEFECTS = ("opened", "flipped", "doubled")
+OBJ_DIGITS = 7  # after the point
 OPENED = 0.03  # share of the faces that an opened part lacks, around one of them
 
 
@@ -81,8 +82,8 @@ def with_defect(mesh: Mesh, defect: str, rng: np.random.Generator) -> Mesh:
 
 
 def obj_text(mesh: Mesh) -> str:
-    """A mesh as an OBJ file, seven digits after the point."""
-    lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in mesh.vertices.tolist()]
+    """A mesh as an OBJ file, OBJ_DIGITS digits after the point."""
+    lines = ["v " + " ".join(f"{number:.{OBJ_DIGITS}f}" for number in vertex) for vertex in mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
     return "\n".join(lines) + "\n"
 

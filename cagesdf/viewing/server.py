@@ -8,9 +8,11 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import viser
+from viser.infra import _infra as viser_sockets
 from websockets.asyncio import server as sockets
 
 from cagesdf.errors import InputError
@@ -21,6 +23,9 @@ PORTS = range(8080, 8180)  # that are tried where none is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Pages of this machine, and what is no page.
 OWN_PAGES = (re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"), None)
+
+
+_opening = threading.Lock()  # one server at a time
 
 
 def free_port(host: str, port: int | None) -> int:
@@ -120,13 +125,20 @@ class Editor:
 
 @contextmanager
 def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[None]:
-    """Sockets that are opened meanwhile answer these pages alone: viser itself has no setting for it."""
-    plain = sockets.serve
-    sockets.serve = partial(plain, origins=origins)  # type: ignore[assignment,misc]
-    try:
-        yield
-    finally:
-        sockets.serve = plain  # type: ignore[misc]
+    """Sockets that viser opens meanwhile answer these pages alone.
+
+    viser has no setting for it. Its module's name for the library stands for one whose sockets have these origins;
+    the library itself, which others in this process may use, stays as it is.
+    """
+    library = viser_sockets.websockets
+    serving_these = SimpleNamespace(**vars(sockets) | {"serve": partial(sockets.serve, origins=origins)})
+    asynchronous = SimpleNamespace(**vars(library.asyncio) | {"server": serving_these})
+    with _opening:
+        viser_sockets.websockets = SimpleNamespace(**vars(library) | {"asyncio": asynchronous})  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            viser_sockets.websockets = library
 
 
 @contextmanager
