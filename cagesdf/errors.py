@@ -8,10 +8,11 @@ class ShapeRejected(Exception):
 
     `parallel_map` collects it and the stage writes it to `rejected.parquet`: one row per
     shape, with the stage and the reason. `reason` says what came, what was wanted and,
-    where known, what to do.
+    where known, what to do. Names of files that are no text are escaped in it, so that any table can hold it.
     """
 
     def __init__(self, shape_id: str, stage: str, reason: str) -> None:
+        reason = reason.encode("utf-8", "backslashreplace").decode("utf-8")
         super().__init__(shape_id, stage, reason)
         self.shape_id = shape_id
         self.stage = stage

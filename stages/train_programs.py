@@ -90,7 +90,8 @@ def summary(figures: Figures) -> str:
     return (
         f"{rebuilt}of {figures['drawn']:.0f} samples {figures['valid']:.0f} valid, {figures['copies']:.0f} copies, "
         f"{figures['new_cages']:.0f} new cages {figures['difference']:.3f} from the nearest, "
-        f"{figures['new_structures']:.0f} of new structure; {figures['structures']:.0f} structures"
+        f"{figures['new_structures']:.0f} of new structure; {figures['structures']:.0f} structures; "
+        f"{figures['floating']:.0f} cuboids in mid-air left out"
     )
 
 

@@ -105,6 +105,17 @@ def test_a_partnet_shape_is_one_shape(command: Command) -> None:
     assert command("check", SHARED / "partnet/3763").splitlines() == ["3763: repaired 3 capped of 3 parts"]
 
 
+def test_points_that_are_too_coarse_for_their_place_are_refused(command: Command, tmp_path: Path) -> None:
+    place = np.array([500000.25, 5300000.75, 412.0])
+    toy.write_obj(tmp_path / "seat.obj", BOX.with_vertices(BOX.vertices + place))
+    words = "sdf", tmp_path / "seat.obj", tmp_path / "points.npy", tmp_path / "out.npy"
+    np.save(tmp_path / "points.npy", np.array([[0, 0, 0], [0, 1.5, 0]]) + place)
+    command(*words)
+    np.testing.assert_allclose(np.load(tmp_path / "out.npy"), [-1, 0.5], atol=1e-6)
+    np.save(tmp_path / "points.npy", (np.zeros((1, 3)) + place).astype(np.float32))
+    assert "holds float32, which is 0.5 apart where the shape is" in command.complaint(*words)
+
+
 @pytest.mark.parametrize(("unit", "kind"), [(1.0, "<f8"), (1e-3, "<f4"), (1e4, ">f8"), (1.0, "<f2")])
 def test_distances_are_in_the_files_own_frame_and_unit(
     command: Command,

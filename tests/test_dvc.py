@@ -1,6 +1,6 @@
 """The graph: every stage depends on the library files it truly uses, and every parameter loads."""
 
-import re
+import hashlib
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from pipeline import library
-from pipeline.params import SECTIONS, check
+from pipeline.params import LISTS, SECTIONS, check
 from pipeline.workspace import merged
 
 ROOT = Path(__file__).parent.parent
@@ -38,7 +38,49 @@ def test_a_stage_depends_on_its_list_of_library_files(stage: str) -> None:
 def test_a_list_names_what_a_stage_imports_and_nothing_else(tmp_path: Path) -> None:
     library.main(tmp_path / "library")
     listed = {path.stem: path.read_text(encoding="utf-8") for path in (tmp_path / "library").iterdir()}
-    assert sorted(listed) == [stage for stage in STAGES if re.search("parallel_(map|groups)", code[stage])]
+    assert sorted(listed) == STAGES
+    assert "stages/match_targets.py" in listed["match_targets"]
+    assert "cagesdf/matching.py" in listed["match_targets"]
+    assert "cagesdf/structure/executor.py" in listed["match_targets"], "through stored and assembly"
+    assert "cagesdf/models" not in listed["match_targets"]
+    assert "cagesdf/report/page.html.j2" in listed["report"]
+    for line in listed["report"].splitlines():
+        digest, name = line.split("  ")
+        assert digest == hashlib.md5((ROOT / name).read_bytes()).hexdigest()
+
+
+def test_importing_a_stage_loads_no_file_that_its_list_lacks() -> None:
+    for stage in STAGES:
+        found = subprocess.run(
+            [sys.executable, "-c", f"import sys, stages.{stage}; print(*(getattr(m, '__file__', '') for m in "
+             "list(sys.modules.values())), sep='\\n')"],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        loaded = {Path(line) for line in found.stdout.splitlines() if line.startswith(str(ROOT / "cagesdf"))}
+        names = {path.relative_to(ROOT).as_posix() for path in loaded if path.name != "__init__.py"}
+        assert names <= set(library.used(ROOT / "stages" / f"{stage}.py"))
+
+
+def test_every_stage_file_has_a_stage_and_the_other_way_round() -> None:
+    assert sorted(GRAPH) == sorted([*STAGES, "library"])
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_lists_the_format_and_its_own_parameters(stage: str) -> None:
+    own = {"train": {"train", "arms.${item.arm}"}}.get(stage, {stage})
+    shared = {f"run.{name}" for name in LISTS if name in SECTIONS[stage].model_fields}
+    assert {*GRAPH[stage]["params"]} == own | shared | {"format"}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_command_runs_its_own_stage_on_paths_that_are_deps_and_outs(stage: str) -> None:
+    words = GRAPH[stage]["cmd"].split()
+    assert words[:3] == ["python", "-m", f"stages.{stage}"]
+    paths = [word for word in words[3:] if word.startswith("data/")]
+    entries = [*GRAPH[stage].get("outs", []), *GRAPH[stage].get("metrics", [])]
+    outs = [next(iter(entry)) if isinstance(entry, dict) else entry for entry in entries]
+    deps = [dep for dep in GRAPH[stage]["deps"] if not dep.startswith("data/library")]
+    assert set(paths) == set(deps) | set(outs)
 
 
 @pytest.mark.slow

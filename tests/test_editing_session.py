@@ -62,7 +62,7 @@ def test_the_surface_is_cut_so_that_each_face_is_in_its_parts_cuboid(session: Se
     centres = state.similarity.to_canonical(model.surface.corners().mean(axis=1))
     distance = state.cage.signed_distance(centres)
     assert (np.take_along_axis(distance, model.owner[:, None], axis=1) <= 1e-6).all()
-    assert sum(map(len, model.faces().values())) == len(model.surface.faces)
+    assert sum(map(len, model.pieces().faces().values())) == len(model.surface.faces)
     assert {"arm_1", "arm_2", "leg_1", "leg_2", "seat"} <= set(model.cuboids)
 
 

@@ -1,6 +1,8 @@
 """Part folders, and files with several parts."""
 
 import json
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +75,7 @@ def test_the_groups_of_an_obj_file_are_parts(tmp_path: Path) -> None:
         ("a.obj", b"v 0 0\n", "line 1"),
         ("a.glb", b"glTF junk", "can't be read as GLB"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 99\n", "can't be read as PLY"),
-        ("a.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 60, "has no faces"),
+        ("a.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 60, "9 triangles, .* 390 are missing"),
     ],
     ids=["obj", "glb", "ply", "stl"],
 )
@@ -113,3 +115,16 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     as_trimesh(SEAT).export(tmp_path / "stool" / "seat.stl")
     with pytest.raises(ShapeRejected, match="two parts are called 'seat'"):
         read(tmp_path, "stool")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_files_with_names_in_no_utf8_are_parts_of_their_own_and_their_faults_can_be_written(tmp_path: Path) -> None:
+    toy.write_obj(tmp_path / "stool" / "leg.obj", LEG)
+    content = (tmp_path / "stool" / "leg.obj").read_bytes()
+    for name in (b"F\xfc\xdfe.obj", b"F\xe4\xdfe.obj"):
+        Path(os.fsdecode(os.fsencode(tmp_path / "stool") + b"/" + name)).write_bytes(content)
+    assert [part.part_id for part in read(tmp_path, "stool").parts] == ["Fäße", "Füße", "leg"]
+    Path(os.fsdecode(os.fsencode(tmp_path / "stool") + b"/\xff.ply")).write_bytes(b"")
+    with pytest.raises(ShapeRejected, match=r"\\udcff\.ply: can't be read as PLY") as caught:
+        read(tmp_path, "stool")
+    assert caught.value.reason.encode("utf-8")

@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cagesdf.errors import InputError
-from cagesdf.formats import obj
+from cagesdf.formats import content
 from cagesdf.formats.obj import read_obj, read_obj_groups
+from cagesdf.meshes import face_normals
 
 NUMBERS = st.floats(-1e6, 1e6)
 POINTS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=3, max_size=12)
@@ -35,7 +36,7 @@ def test_faces_written_in_any_form_are_read_back(tmp_path: Path, points, data) -
     np.testing.assert_array_equal(read_obj(tmp_path / "a.obj").corners(), np.array(points, float)[np.array(faces)])
 
 
-def test_a_polygon_becomes_a_fan(tmp_path: Path) -> None:
+def test_a_convex_polygon_becomes_a_fan(tmp_path: Path) -> None:
     square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0.5 9\nf 1 2 3 4\n"
     (tmp_path / "a.obj").write_text(square)
     mesh = read_obj(tmp_path / "a.obj")
@@ -68,6 +69,20 @@ def test_objects_are_the_parts_or_groups_where_there_is_one_object(tmp_path: Pat
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4: "),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n", "line 4: "),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "line 4: "),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3.0\n", "line 4: .*'3.0': wanted a whole number"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0_3\n", "line 4: "),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999999\n", "line 4: "),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -9223372036854775809\n", "line 4: "),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 \\\n2 \\\n4\n", "line 4: "),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n", "line 4: corner 3 of the face is at .0, 1, nan."),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 1e999\nf 1 2 3\n", "line 4: corner 3 of the face is at .0, 1, inf."),
+        ("v 0,5 0 0\n", "line 1: .*decimal point, not a comma"),
+        ("v 1_0 0 0\n", "line 1: "),
+        ("v 0 0 0 red\n", "line 1: .*'red'"),
+        ("v 0 0 0\n\0\0", "line 2: holds a byte of 0"),
+        ("surf 0 1 0 1 1 2 3 4\n", "line 1: .*free-form surfaces aren't read"),
+        ("call other.obj\n", "line 1: .*other files aren't read"),
+        ("v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4\n", "line 5: the outline of the face crosses itself"),
     ],
 )
 def test_a_broken_line_is_named_with_its_text(tmp_path: Path, text: str, message: str) -> None:
@@ -90,9 +105,9 @@ def test_a_file_cut_anywhere_is_read_as_far_as_it_goes_or_refused(tmp_path: Path
 
 
 @SAME_FOLDER
-@given(content=st.binary(max_size=60))
-def test_any_bytes_are_read_or_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "a.obj").write_bytes(b"v 0 0 0\n" + content)
+@given(rest=st.binary(max_size=60))
+def test_any_bytes_are_read_or_refused(tmp_path: Path, rest: bytes) -> None:
+    (tmp_path / "a.obj").write_bytes(b"v 0 0 0\n" + rest)
     with contextlib.suppress(InputError):
         read_obj(tmp_path / "a.obj")
 
@@ -101,6 +116,78 @@ def test_a_missing_and_a_huge_file_are_refused_by_name(tmp_path: Path, monkeypat
     with pytest.raises(InputError, match=r"none\.obj: can't be read"):
         read_obj(tmp_path / "none.obj")
     toy.write_obj(tmp_path / "a.obj", toy.box([0, 0, 0], [1, 1, 1]))
-    monkeypatch.setattr(obj, "MAX_BYTES", 100)
+    monkeypatch.setattr(content, "MAX_BYTES", 100)
     with pytest.raises(InputError, match="at most 100 are read"):
         read_obj(tmp_path / "a.obj")
+
+
+def both(first: str, second: str) -> str:
+    """Two triangles under two statements each, every one with vertices of its own."""
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    return f"{corners}{first}\nf 1 2 3\n{corners}{second}\nf 4 5 6\n"
+
+
+def names(path: Path, content: bytes) -> list[str]:
+    (path / "a.obj").write_bytes(content)
+    return [name for name, _ in read_obj_groups(path / "a.obj")]
+
+
+@pytest.mark.parametrize("key", ["o", "g"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1"])
+def test_any_encoding_and_line_end_is_read(tmp_path: Path, key: str, end: str, encoding: str) -> None:
+    text = f"{key} Füße\n" + both(f"{key} Füße", f"{key} Stühle # blue")
+    assert names(tmp_path, text.replace("\n", end).encode(encoding)) == ["Füße", "Stühle"]
+
+
+@pytest.mark.parametrize("encoding", ["gbk", "shift-jis", "big5", "cp1251", "latin-1", "utf-8"])
+@pytest.mark.parametrize("pair", [("桌腿", "桌面"), ("表", "能"), ("ножка", "сидка"), ("Füße", "Fäße")])
+def test_names_stay_different_in_any_encoding(tmp_path: Path, encoding: str, pair: tuple[str, str]) -> None:
+    """In Shift JIS, 表 ends in the byte of a backslash."""
+    first, second = (name.encode(encoding, errors="ignore") for name in pair)
+    if first == second:
+        first = first + b"\\"
+    text = both("o A", "o B").encode().replace(b"o A", b"o " + first).replace(b"o B", b"o " + second)
+    assert len(set(names(tmp_path, text))) == 2
+
+
+def test_a_comment_may_follow_anything_and_a_name_may_hold_a_number_sign(tmp_path: Path) -> None:
+    text = both("o leg#1 # left", "o leg#2\t# right").replace("0\n", "0 # corner\n").replace("3\n", "3 # face\n", 1)
+    assert names(tmp_path, text.encode()) == ["leg#1", "leg#2"]
+    assert names(tmp_path, both("o #1", "o #2").encode()) == ["#1", "#2"]
+    assert names(tmp_path, both("o seat # 1", "o seat # 2").encode()) == ["seat", "seat"]
+
+
+def test_a_comment_or_a_name_that_ends_in_a_backslash_continues_nothing(tmp_path: Path) -> None:
+    text = "# C:\\models\\\nmtllib C:\\\n" + both("o a\\", "o b\\")
+    assert names(tmp_path, text.encode()) == ["a\\", "b\\"]
+
+
+def test_objects_of_one_name_are_parts_unless_they_share_vertices(tmp_path: Path) -> None:
+    assert names(tmp_path, both("o leg", "o leg").encode()) == ["leg", "leg"]
+    assert names(tmp_path, both("o leg", "o leg").replace("f 4 5 6", "f 4 5 1").encode()) == ["leg"]
+    assert names(tmp_path, both("o all\ng a", "o all\ng b").encode()) == ["a", "b"]
+    assert names(tmp_path, both("g a", "g a").encode()) == ["a"], "by the format, a group is all that has its name"
+    assert names(tmp_path, both("", "o seat").encode()) == ["", "seat"]
+    assert names(tmp_path, both("o seat", "").encode()) == ["seat"]
+
+
+def test_weights_colours_and_old_faces_are_read(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0 1\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0 1 0 0 1\nfo 1 2 3\n")
+    assert read_obj(tmp_path / "a.obj").vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+def test_a_concave_face_is_no_fan(tmp_path: Path) -> None:
+    """Point 1 doesn't see point 4."""
+    text = "v 3 0 0\nv 3 3 0\nv 2 1 0\nv 1 3 0\nv 1 -1 0\nf 1 2 3 4 5\n"
+    (tmp_path / "a.obj").write_text(text)
+    mesh = read_obj(tmp_path / "a.obj")
+    normals = face_normals(mesh)
+    assert normals[:, 2].min() > 0
+    assert normals[:, 2].sum() == pytest.approx(2 * 5)
+
+
+def test_more_parts_than_anyone_can_use_are_refused(tmp_path: Path) -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(f"g {i}\nf 1 2 3\n" for i in range(10_001))
+    with pytest.raises(InputError, match="has 10,001 named parts"):
+        names(tmp_path, text.encode())

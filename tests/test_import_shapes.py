@@ -77,7 +77,7 @@ def empty_part(folder: Path) -> None:
     ("write", "reason"),
     [
         (many_parts, "200 parts"),
-        (nan_part, "part leg has vertices that are NaN"),
+        (nan_part, "leg.obj, line 4: corner 1 of the face is at (nan, 0, 0)"),
         (empty_part, "part leg has no faces"),
         (lambda folder: (folder / "objs").mkdir(parents=True), "lacks result_after_merging.json"),
     ],
@@ -120,3 +120,28 @@ def test_a_clean_shape_needs_no_pymeshlab(tmp_path: Path, monkeypatch: pytest.Mo
     write_stools(tmp_path / "raw", 2)
     main(tmp_path / "raw", tmp_path / "out", PARAMS)
     assert len(read_shapes(tmp_path / "out")) == 2
+
+
+BROKEN = {
+    "index beyond.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty int x\nproperty int y\nproperty int z\n"
+    b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n",
+    "crossing.obj": b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4\n",
+    "cut.stl": b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0",
+    "far.obj": b"v 1e300 0 0\nv 0 1e300 0\nv 0 0 1\nf 1 2 3\n",
+    "dust.obj": b"v 1e-300 0 0\nv 0 1e-300 0\nv 0 0 0\nf 1 2 3\n",
+    "zeros.obj": b"v 0 0 0\0\0\0",
+    "empty.ply": b"",
+}
+
+
+def test_a_bad_file_of_any_kind_costs_its_own_shape_and_no_other(tmp_path: Path) -> None:
+    write_stools(tmp_path / "raw", 10)
+    for i, (name, content) in enumerate(BROKEN.items()):
+        folder = tmp_path / "raw" / f"stool_{i}5"
+        folder.mkdir()
+        (folder / name).write_bytes(content)
+    main(tmp_path / "raw", tmp_path / "out", PARAMS)
+    assert read_shapes(tmp_path / "out").ids == tuple(f"stool_{i}" for i in range(10))
+    rejected = read_rejected(tmp_path / "out")
+    assert len(rejected) == len(BROKEN)
+    assert "index beyond.ply, face 0" in rejected["stool_05"]

@@ -6,21 +6,22 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-RECORDS = {"errors", "frames", "cuboid", "meshes", "shape", "structure"}
+RECORDS = {"errors", "text", "frames", "cuboid", "meshes", "shape", "structure"}
 SOLIDS = {"errors", "frames", "cuboid", "meshes", "solid", "distance"}
 # A file or folder of cagesdf, and what else of cagesdf it may import.
 ALLOWED = {
     "errors": set(),
+    "text": {"errors"},
     "frames": {"errors"},
     "cuboid": {"errors", "frames"},
     "meshes": {"errors"},
     "distance": {"errors", "meshes"},
     "meshlab": {"errors"},
     "solid": {"errors", "meshes", "cuboid", "distance", "meshlab"},
-    "structure": {"errors", "frames", "cuboid"},
+    "structure": {"errors", "text", "frames", "cuboid"},
     "shape": {"frames", "meshes", "structure"},
     "alignment": RECORDS,
-    "formats": RECORDS | {"alignment"},
+    "formats": RECORDS | {"alignment", "text"},
     "audit": RECORDS | SOLIDS,
     "importing": RECORDS | SOLIDS | {"audit"},
     "synthesis": RECORDS | SOLIDS,
@@ -61,6 +62,7 @@ TORCH = {
     "io/fits.py",
     "io/generators.py",
     "io/runs.py",
+    "io/weights.py",
     "editing/session.py",
     "cli",
 }

@@ -21,7 +21,8 @@ from cagesdf.structure.hierarchy import PartHierarchy
 def made(shape_id: str, split: str = "train", method: str = "none") -> Shape:
     meshes = [from_manifold(manifold3d.Manifold.sphere(1.0, n).translate([n, 0, 0])) for n in (8, 12)]
     parts = tuple(
-        Part(str(i), "ball", mesh, Repair(method, 9, len(mesh.faces), 4.0, 0.5, 1, 2)) for i, mesh in enumerate(meshes)
+        Part(str(i), "ball", mesh, Repair(method, 9, len(mesh.faces), 4.0, 0.5, 1, 2, 0.25))
+        for i, mesh in enumerate(meshes)
     )
     similarity = Similarity(2.0, np.eye(3), np.arange(3.0))
     return Shape(shape_id, split, parts, PartHierarchy.flat(("0", "1"), ("ball", "ball"), "toy"), similarity)

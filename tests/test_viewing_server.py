@@ -49,6 +49,20 @@ def test_other_sites_are_refused(server: Server, origin: str) -> None:
         speak(server, origin)
 
 
+def test_other_sockets_of_the_process_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, seen = sockets.serve, []
+
+    def opened(self: viser.ViserServer, *arguments: object, **options: object) -> None:
+        seen.append((sockets.serve, infra.websockets.asyncio.server.serve.keywords))
+
+    monkeypatch.setattr(viser.ViserServer, "__init__", opened)
+    library = infra.websockets
+    Server("127.0.0.1", 0)
+    Server("0.0.0.0", 0)
+    assert seen == [(plain, {"origins": OWN_PAGES}), (plain, {"origins": None})]
+    assert infra.websockets is library
+
+
 def test_a_port_that_is_named_is_taken_or_refused_and_otherwise_a_free_one_is_found() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -83,20 +97,6 @@ def test_a_place_that_can_not_be_listened_at_is_refused_before_anything_waits(
 @pytest.mark.parametrize("options", [("--port", "70000"), ("--host", "203.0.113.7")])
 def test_the_command_says_so_in_one_line_with_status_one(command: Command, options: tuple[str, str]) -> None:
     assert command.complaint("view", "--demo", *options).startswith(f"cagesdf: {' '.join(options)}")
-
-
-def test_other_sockets_of_the_process_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain, seen = sockets.serve, []
-
-    def opened(self: viser.ViserServer, *arguments: object, **options: object) -> None:
-        seen.append((sockets.serve, infra.websockets.asyncio.server.serve.keywords))
-
-    monkeypatch.setattr(viser.ViserServer, "__init__", opened)
-    library = infra.websockets
-    Server("127.0.0.1", 0)
-    Server("0.0.0.0", 0)
-    assert seen == [(plain, {"origins": OWN_PAGES}), (plain, {"origins": None})]
-    assert infra.websockets is library
 
 
 def test_no_page_can_make_it_public(server: Server) -> None:

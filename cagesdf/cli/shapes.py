@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from numpy import ndarray
 
+    from cagesdf.shape import Shape
+
 # How `check` and `sdf` import: as params.yaml does.
 IMPORT: dict[str, Any] = {
     "up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4,
@@ -81,10 +83,26 @@ def sdf(source: Path, points: Path, out: Path, /) -> None:
         shape = import_shape(read_shape(find_shape(source)), **IMPORT)
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
-    distances = signed_distances(shape, places).astype(np.float32)
+    _check_precision(points, places, shape)
+    distances = signed_distances(shape, places.astype(np.float64)).astype(np.float32)
     with replacing(out) as partial, partial.open("wb") as stream:
         np.save(stream, distances)
     print(json.dumps({**repair_report(shape), "points": len(distances), "points_inside": int((distances < 0).sum())}))
+
+
+def _check_precision(path: Path, points: "Float[ndarray, 'n 3']", shape: "Shape") -> None:
+    """Raise InputError for float32 points of a shape that is too far from the origin for them."""
+    import numpy as np
+
+    from cagesdf.io.exports import FAR
+
+    radius = 1 / shape.similarity.scale
+    reach = float(np.abs(shape.similarity.to_raw(np.zeros((1, 3)))).max())
+    if points.dtype.itemsize < 8 and reach > FAR * radius:
+        raise InputError(
+            f"{path}: holds {points.dtype}, which is {np.spacing(points.dtype.type(reach)):.2g} apart where the shape "
+            f"is, {reach:,.0f} from the origin; wanted float64"
+        )
 
 
 def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
@@ -103,7 +121,7 @@ def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
         raise InputError(f"{path}: holds several arrays; {wanted}")
     if stored.dtype.kind != "f" or stored.ndim != 2 or stored.shape[1] != 3 or len(stored) > MAX_POINTS:
         raise InputError(f"{path}: holds {stored.dtype} of shape {stored.shape}; {wanted}")
-    points = np.array(stored, dtype=np.float64)
+    points = np.array(stored)
     if not (finite := np.isfinite(points).all(1)).all():
         raise InputError(f"{path}: row {int(finite.argmin())} is {points[finite.argmin()].tolist()}; {wanted}")
     return points

@@ -14,7 +14,7 @@ from pydantic.alias_generators import to_camel
 from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
-from cagesdf.formats.obj import read_bounded
+from cagesdf.formats.content import read_bounded
 
 MAX_VALUES = 5_000_000  # of the JSON; each may take some hundred bytes
 MAX_ENTRIES = 100_000  # of each of the JSON's lists

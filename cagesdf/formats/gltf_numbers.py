@@ -11,8 +11,8 @@ from jaxtyping import Float, Int, Shaped
 from numpy import ndarray
 
 from cagesdf.errors import InputError
+from cagesdf.formats.content import MAX_BYTES, read_bounded
 from cagesdf.formats.gltf_json import FOREIGN, Accessor, Extensions, GltfJson, at, foreign
-from cagesdf.formats.obj import MAX_BYTES, read_bounded
 
 DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # by component type
 INDEX_TYPES = (5121, 5123, 5125)

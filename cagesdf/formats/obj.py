@@ -1,93 +1,172 @@
-"""Wavefront OBJ: vertices, faces and the objects or groups they belong to; nothing else is read."""
+"""Wavefront OBJ: vertices, faces and the objects or groups they belong to.
 
-from collections.abc import Sequence
+Lines, points, materials, texture coordinates and normals are left out. Surfaces that aren't polygons, and
+calls of other files, are refused by name.
+"""
+
+import io
+import re
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
+from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh, compact
+from cagesdf.formats.content import MAX_PARTS, names_of, number, plain_text, quoted, read_bounded, whole_number
+from cagesdf.formats.polygons import Polygons, triangulated
+from cagesdf.meshes import Mesh
 
-MAX_BYTES = 512 * 2**20
+# Statements that stand for surfaces, which would be missing without a word.
+UNREAD = {
+    b"surf": "free-form surfaces", b"bzp": "patches", b"bsp": "patches", b"cdc": "patches", b"cdp": "patches",
+    b"res": "patches", b"call": "other files",
+}  # fmt: skip
+NUMBERED = (b"v", b"f", b"l", b"p")  # first letters of lines of numbers: names and paths may end in a backslash
+COMMENT = re.compile(rb"(?<!\S)#")  # "leg#2" is a name
 
 
 @dataclass
 class _Content:
-    vertices: list[list[float]] = field(default_factory=list)  # x, y, z
-    triangles: list[tuple[int, int, int]] = field(default_factory=list)  # vertex numbers from 0
-    owners: list[tuple[str, str]] = field(default_factory=list)  # object and group of each triangle
+    coordinates: array = field(default_factory=lambda: array("d"))  # x, y, z of each vertex in turn
+    corners: array = field(default_factory=lambda: array("q"))  # vertex numbers from 0, face after face
+    counts: array = field(default_factory=lambda: array("q"))  # corners of each face
+    lines: array = field(default_factory=lambda: array("q"))  # of each face, from 1
+    owners: array = field(default_factory=lambda: array("q"))  # of each face, an index into names
+    names: list[tuple[int, bytes, bytes]] = field(default_factory=lambda: [(0, b"", b"")])
+    # An object's number, from 0 before the first, its name, and a group's within it; as they stand in the file.
 
 
 def read_obj(path: Path) -> Mesh:
-    """All faces of a file as one mesh, raw frame; polygons become fans of triangles.
+    """All faces of a file as one mesh, raw frame; polygons are triangulated, see `polygons.triangulated`.
 
-    Raises InputError with file, line and text for a line that can't be read, a face with fewer
-    than three vertices, or an index that names no vertex so far in the file.
+    Raises InputError with file, line and text for a line that can't be read, a face with fewer than three
+    vertices, and an index that names no vertex so far in the file.
     """
     content = _read(path)
-    return _mesh(content, content.triangles)
+    return _mesh(path, content, np.arange(len(content.counts)))
 
 
 def read_obj_groups(path: Path) -> list[tuple[str, Mesh]]:
-    """The named parts of a file in its order: its objects, or its groups if it has but one object.
+    """The named parts of a file in its order: its objects, or its groups if all objects have one name.
 
-    Faces without a name belong to "". Raises InputError as `read_obj` does.
+    Faces of no group belong to the object, those of no object to "". Groups of one name are one part. Where all
+    objects and groups have one name, objects that share no vertex are several parts of it:
+    `naming.distinct_names` tells them apart. Names that aren't UTF-8 are read as Latin-1. Raises InputError as
+    `read_obj` does.
     """
     content = _read(path)
-    kind = 0 if len({owner[0] for owner in content.owners}) > 1 else 1
-    parts: dict[str, list[tuple[int, int, int]]] = {}
-    for triangle, owner in zip(content.triangles, content.owners):
-        parts.setdefault(owner[kind], []).append(triangle)
-    return [(name, _mesh(content, triangles)) for name, triangles in parts.items()]
+    owners = np.asarray(content.owners)
+    objects, groups = _numbers([name for _, name, _ in content.names]), _numbers([group for *_, group in content.names])
+    if len(np.unique(objects[owners])) > 1:
+        keys = objects
+    elif len(np.unique(groups[owners])) > 1:
+        keys = groups
+    else:
+        keys = _components(content)
+    _, first, part = np.unique(keys[owners], return_index=True, return_inverse=True)
+    if len(first) > MAX_PARTS:
+        raise InputError(f"{path}: has {len(first):,} named parts, at most {MAX_PARTS:,} are read; join some of them")
+    names = names_of([_name(content.names[owner], keys is groups) for owner in owners[first]])
+    chosen = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
+    return [(names[i], _mesh(path, content, chosen[i])) for i in np.argsort(first)]
 
 
-def read_bounded(path: Path) -> bytes:
-    """A file's bytes. Raises InputError if it is missing, unreadable or larger than MAX_BYTES."""
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: has {path.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read; simplify it")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: can't be read ({error.strerror}); export it again") from error
+def _numbers(names: list[bytes]) -> Int[ndarray, " n"]:
+    """A number for each name, equal ones for equal names."""
+    return np.unique(np.array(names, object), return_inverse=True)[1]
 
 
-def _mesh(content: _Content, triangles: Sequence[tuple[int, int, int]]) -> Mesh:
-    faces = np.array(triangles, dtype=np.int32).reshape(-1, 3)
-    return compact(Mesh(np.array(content.vertices, dtype=np.float64).reshape(-1, 3), faces))
+def _name(owner: tuple[int, bytes, bytes], grouped: bool) -> bytes:
+    _, name, group = owner
+    return _without_comment((group or name) if grouped else (name or group))
+
+
+def _components(content: _Content) -> Int[ndarray, " n"]:
+    """The object of each of `names`: all statements whose faces share vertices, directly or by others."""
+    statements = np.array([number for number, *_ in content.names])
+    owners = np.repeat(statements[np.asarray(content.owners)], np.asarray(content.counts))
+    size = int(statements.max()) + 1
+    total = size + len(content.coordinates) // 3
+    links = coo_array((np.ones(len(owners), bool), (owners, size + np.asarray(content.corners))), shape=(total, total))
+    return connected_components(links, directed=False)[1][statements]
+
+
+def _mesh(path: Path, content: _Content, chosen: Int[ndarray, " p"]) -> Mesh:
+    """The mesh of some faces of a file."""
+    all_counts = np.asarray(content.counts).view(np.int64)  # from C's long long
+    counts, lines = all_counts[chosen], np.asarray(content.lines)[chosen]
+    starts = np.cumsum(all_counts)[chosen] - counts
+    inside = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    used, corners = np.unique(np.asarray(content.corners)[np.repeat(starts, counts) + inside], return_inverse=True)
+    vertices = np.asarray(content.coordinates).reshape(-1, 3)[used]
+    return triangulated(vertices, Polygons(corners, counts), lambda i: f"{path}, line {lines[i]}")
 
 
 def _read(path: Path) -> _Content:
     content = _Content()
-    owner = ("", "")
-    # A backslash at a line's end continues it.
-    text = read_bounded(path).decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
-    for number, line in enumerate(text.split("\n"), start=1):
-        words = line.split()
-        if not words:
-            continue
-        key = words[0]
+    for at, line in _statements(plain_text(read_bounded(path), str(path))):
+        key, *words = (line if b"#" not in line else _without_comment(line)).split() or (b"",)
         try:
-            if key == "v":
-                x, y, z = words[1:4]
-                content.vertices.append([float(x), float(y), float(z)])
-            elif key == "f":
-                corners = [int(word.partition("/")[0]) for word in words[1:]]
-                known = len(content.vertices)
-                corners = [corner - 1 if corner > 0 else corner + known for corner in corners]
-                if len(corners) < 3:
-                    raise ValueError("a face needs three vertices")
-                if min(corners) < 0 or max(corners) >= known:
-                    raise ValueError(f"there are {known} vertices before it")
-                content.triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
-                content.owners += [owner] * (len(corners) - 2)
-            elif key == "o":
-                owner = (" ".join(words[1:]), "")
-            elif key == "g":
-                owner = (owner[0], " ".join(words[1:]))
+            if key == b"v":
+                _add_vertex(content, words)
+            elif key in (b"f", b"fo"):
+                _add_face(content, words, at)
+            elif key == b"o":
+                content.names.append((content.names[-1][0] + 1, line[1:].strip(), b""))
+            elif key == b"g":
+                content.names.append((*content.names[-1][:2], line[1:].strip()))
+            elif key in UNREAD:
+                raise ValueError(f"{UNREAD[key]} aren't read, wanted polygons")
         except ValueError as error:
             raise InputError(
-                f"{path}, line {number}: can't read {line[:60]!r} ({error}); is the file cut short? Export it again"
+                f"{path}, line {at}: can't read {quoted(line)} ({error}); is the file cut short? Export it again"
             ) from error
     return content
+
+
+def _add_vertex(content: _Content, words: list[bytes]) -> None:
+    """A vertex; a weight or colours behind its coordinates are left out."""
+    if len(words) < 3:
+        raise ValueError("a vertex needs three coordinates")
+    content.coordinates.extend([number(word) for word in words][:3])
+
+
+def _add_face(content: _Content, words: list[bytes], line: int) -> None:
+    known = len(content.coordinates) // 3
+    corners = [whole_number(word.partition(b"/")[0]) for word in words]
+    if len(corners) < 3:
+        raise ValueError("a face needs three vertices")
+    if 0 in corners or max(corners) > known or min(corners) < -known:
+        raise ValueError(f"there are {known} vertices before it, counted from 1, or from -1 backwards")
+    content.corners.extend(corner - 1 if corner > 0 else corner + known for corner in corners)
+    content.counts.append(len(corners))
+    content.lines.append(line)
+    content.owners.append(len(content.names) - 1)
+
+
+def _statements(text: bytes) -> Iterator[tuple[int, bytes]]:
+    """Lines with their numbers from 1; a backslash at the end of a line of numbers continues it."""
+    pieces: list[bytes] = []
+    for at, line in enumerate(io.BytesIO(text), start=1):
+        bare = line.strip()
+        if bare.endswith(b"\\") and (pieces or bare[:1] in NUMBERED) and _without_comment(bare) == bare:
+            pieces.append(bare[:-1])
+        elif pieces:
+            yield at - len(pieces), b" ".join([*pieces, bare])
+            pieces = []
+        else:
+            yield at, bare
+    if pieces:
+        yield at - len(pieces) + 1, b" ".join(pieces)
+
+
+def _without_comment(line: bytes) -> bytes:
+    """A line up to the first # that begins a word; a name that would be empty then is all of it."""
+    comment = COMMENT.search(line)
+    return line if comment is None else line[: comment.start()].rstrip() or line

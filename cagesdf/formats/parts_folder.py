@@ -4,17 +4,18 @@ Parts are assembled in place, in any unit. Nothing tells how they belong togethe
 structure is flat; labels are the letters in the parts' names ("left_leg_2" is "left leg").
 """
 
-import io
+import os
 import re
-import struct
+from collections import Counter
 from pathlib import Path
-
-import numpy as np
 
 from cagesdf.errors import InputError
 from cagesdf.formats import gltf
+from cagesdf.formats.content import names_of
 from cagesdf.formats.naming import UNNAMED, distinct_names, part_name
-from cagesdf.formats.obj import read_bounded, read_obj, read_obj_groups
+from cagesdf.formats.obj import read_obj, read_obj_groups
+from cagesdf.formats.ply import read_ply
+from cagesdf.formats.stl import read_stl
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -37,17 +38,17 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     files = part_files(folder)
     if not files:
         raise InputError(f"{folder}: holds no mesh; wanted one {', '.join(MESH_SUFFIXES)} file for each part")
-    return _flat(folder, shape_id, split, [(part_name(path.stem), _read_mesh(path)) for path in files])
+    names = map(part_name, names_of([os.fsencode(path.stem) for path in files]))
+    return _flat(folder, shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
-    """One shape from one OBJ, whose objects or groups are the parts, or one glTF, whose scene nodes are.
+    """One shape from one file: an OBJ's objects or groups, an STL's solids and a glTF's scene nodes are its parts.
 
-    A PLY or STL file, which has neither, is a shape of one part.
-
-    Raises InputError if the file can't be read or has no faces.
+    A PLY file, which has none of these, is a shape of one part. Of parts that share a name, all but the first
+    get a number. Raises InputError if the file can't be read or has no faces.
     """
-    parts = read_obj_groups(path) if path.suffix.lower() == ".obj" else _read_scene(path)
+    parts = _read_scene(path)
     if not parts:
         raise InputError(f"{path}: has no faces; wanted a part in each of its groups or nodes")
     ids = distinct_names(name for name, _ in parts)
@@ -61,9 +62,8 @@ def _natural(path: Path) -> tuple[list[str | int], str]:
 
 def _flat(source: Path, shape_id: str, split: str, named: list[tuple[str, Mesh]]) -> RawShape:
     names = tuple(name for name, _ in named)
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f"{source}: two parts are called {name!r}; rename one")
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise InputError(f"{source}: two parts are called {twice[0]!r}; rename one")
     labels = tuple(map(_label, names))
     parts = tuple(RawPart(name, label, mesh) for (name, mesh), label in zip(named, labels))
     return RawShape(shape_id, split, parts, PartHierarchy.flat(names, labels, ""))
@@ -83,34 +83,13 @@ def _read_mesh(path: Path) -> Mesh:
 
 
 def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
-    """The meshes of a PLY, STL or glTF file with the names of their nodes, placed as the scene places them."""
-    import trimesh
-
-    if path.suffix.lower() in gltf.SUFFIXES:
-        return gltf.read_gltf(path)
-    kind = path.suffix.lower().removeprefix(".")
-    content = io.BytesIO(read_bounded(path))
-    try:
-        # From bytes and without a resolver, so that a file can't make us open others.
-        scene = trimesh.load_scene(content, file_type=kind, resolver=None, process=False, skip_materials=True)
-        parts = []
-        for node in scene.graph.nodes_geometry:
-            pose, name = scene.graph[node]
-            mesh = scene.geometry[name]
-            if isinstance(mesh, trimesh.Trimesh):
-                placed = np.asarray(mesh.vertices, np.float64) @ pose[:3, :3].T + pose[:3, 3]
-                faces = np.asarray(mesh.faces, np.int32)
-                # A mirroring pose turns the faces inside out.
-                parts.append((str(node), Mesh(placed, faces if np.linalg.det(pose[:3, :3]) > 0 else faces[:, ::-1])))
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        OSError,
-        MemoryError,
-        RuntimeError,
-        struct.error,
-    ) as error:
-        raise InputError(f"{path}: can't be read as {kind.upper()} ({error!r}); export it again") from error
-    return parts
+    """The named meshes of a file: groups, solids, or nodes where they are placed. Names may be equal or ""."""
+    match path.suffix.lower():
+        case ".obj":
+            return read_obj_groups(path)
+        case ".ply":
+            return [("", read_ply(path))]
+        case ".stl":
+            return read_stl(path)
+        case _:
+            return gltf.read_gltf(path)
