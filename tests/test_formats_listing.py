@@ -7,6 +7,7 @@ import random
 import unicodedata
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import toy
@@ -368,6 +369,34 @@ def mutated(content: bytes, rng: random.Random) -> bytes:
     return content
 
 
+ODD = (None, True, -1, 0, 1, 2.5, 10**400, float("nan"), float("inf"), "", "o-0", "../../x", "a\0b", "\ud800",
+       "root", [], {}, [[]], ["o-0", "o-0"], ["O-0.obj", 7], {"id": 0}, [0] * 12, [1e400] * 12,
+       "REF_SYM", "leg" * 99)  # fmt: skip
+
+
+def changed(content: bytes, rng: random.Random) -> bytes:
+    """A JSON file in which one to three values are odd ones, are gone, or are copies of others."""
+    tree = [json.loads(content)]
+    for _ in range(rng.randint(1, 3)):
+        places: list[tuple[Any, Any]] = []
+        todo: list[Any] = [tree]
+        while todo:
+            holder = todo.pop()
+            keys = list(holder) if isinstance(holder, dict) else list(range(len(holder)))
+            places += [(holder, key) for key in keys]
+            todo += [holder[key] for key in keys if isinstance(holder[key], (dict, list))]
+        holder, key = rng.choice(places)
+        other, name = rng.choice(places)
+        match rng.randrange(4):
+            case 0 if holder is not tree:
+                del holder[key]
+            case 1:
+                holder[key] = json.loads(json.dumps(other[name]))
+            case _:
+                holder[key] = json.loads(json.dumps(rng.choice(ODD)))
+    return json.dumps(tree[0]).encode()
+
+
 def write_partnet(folder: Path) -> None:
     for number in range(3):
         toy.write_obj(folder / "1" / "objs" / f"o-{number}.obj", BOX)
@@ -408,9 +437,10 @@ def test_a_damaged_file_is_read_or_refused_and_nothing_else(
     sound = (tmp_path / name).read_bytes()
     rng = random.Random(name)
     refused = 0
-    runs = int(os.environ.get("CAGESDF_FUZZ", "150"))
+    runs = 150
     for _ in range(runs):
-        (tmp_path / name).write_bytes(mutated(sound, rng))
+        change = changed if name.endswith(".json") and rng.random() < 0.7 else mutated
+        (tmp_path / name).write_bytes(change(sound, rng))
         try:
             for source in list_shapes(tmp_path, "*"):
                 raw = read_shape(source)

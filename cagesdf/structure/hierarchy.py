@@ -5,7 +5,6 @@ the z axis being their cross product; edges name their ends by position among th
 """
 
 import json
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -228,17 +227,17 @@ def _read_box(box: Any, path: str) -> Cuboid | None:
 
 def _vector(numbers: Any) -> tuple[float, float, float]:
     x, y, z = (float(number) for number in numbers)
-    if not all(map(math.isfinite, (x, y, z))):
-        raise ValueError("its numbers aren't finite")
+    if not np.isfinite([x, y, z]).all():
+        raise ValueError("wanted finite numbers")
     return x, y, z
 
 
-def _read_relation(edge: dict[str, Any], children: tuple[Node, ...], path: str) -> Relation:
+def _read_relation(edge: Any, children: tuple[Node, ...], path: str) -> Relation:
     try:
-        first, second = int(edge["part_a"]), int(edge["part_b"])
-        if min(first, second) < 0:
-            raise IndexError("its ends are children, counted from 0")
-        a, b = children[first].node_id, children[second].node_id
+        places = int(edge["part_a"]), int(edge["part_b"])
+        if min(places) < 0:
+            raise IndexError("children are numbered from 0")
+        a, b = (children[place].node_id for place in places)
         params = edge.get("params") or []
         if edge["type"] == "ADJ":
             return Adjacency(a, b, float(edge.get("dist", 0.0)))
