@@ -170,18 +170,16 @@ def write_pair(folder: Path, place: tuple[float, float, float] = (7, -3, 5)) -> 
     return folder
 
 
-def test_the_surface_of_a_shape_far_from_the_origin_is_that_of_the_same_shape_near_it(
+def test_the_surface_of_a_shape_far_from_the_origin_keeps_its_volume(
     command: Command, run_folder: Path, tmp_path: Path
 ) -> None:
-    volumes = []
-    for name, place in (("near", (0.0, 0.0, 0.0)), ("far", (500000.25, 5300000.75, 412.0))):
-        source = write_pair(tmp_path / name, place)
-        told = json.loads(command("fit", run_folder, source, tmp_path / f"{name}_out", "--resolution", "32"))
-        mesh = read_ply(tmp_path / f"{name}_out" / "surface.ply")
-        assert is_closed(mesh)
-        assert (told["vertices"], told["faces"]) == (len(mesh.vertices), len(mesh.faces))
-        volumes.append(signed_volume(mesh))
-    assert volumes[1] == pytest.approx(volumes[0], rel=0.01)
+    source = write_pair(tmp_path / "far", (500000.25, 5300000.75, 412.0))
+    told = json.loads(command("fit", run_folder, source, tmp_path / "out", "--resolution", "32"))
+    mesh = read_ply(tmp_path / "out" / "surface.ply")
+    assert is_closed(mesh)
+    assert (told["vertices"], told["faces"]) == (len(mesh.vertices), len(mesh.faces))
+    true = sum(signed_volume(part) for part in pair(0.36, 0.36).values()) * 2.5**3
+    assert signed_volume(mesh) == pytest.approx(true, rel=0.03)
 
 
 def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp_path: Path) -> None:

@@ -84,6 +84,13 @@ def test_meshes_of_a_zip_lie_side_by_side_and_nothing_else_comes_with_them(tmp_p
     }
 
 
+def test_a_member_without_a_name_is_no_mesh(tmp_path: Path) -> None:
+    content = zipped({"leg.obj": b"one", "a": b"two"}).replace(b"a\x03\x00", b"\0\x03\x00")
+    nameless = content[:-22].replace(b"a", b"\0") + content[-22:]
+    files.meshes_of("chair.zip", nameless, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["leg.obj"]
+
+
 def test_a_mesh_file_is_taken_as_it_is(tmp_path: Path) -> None:
     path = files.meshes_of("../../My chair.GLB", b"glTF", tmp_path)
     assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "shape.glb", b"glTF")

@@ -91,7 +91,8 @@ def _unpacked(name: str, content: bytes) -> dict[str, bytes]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             for member in archive.infolist():
                 own = PurePosixPath(member.filename.replace("\\", "/")).name
-                if member.is_dir() or own.startswith(".") or PurePosixPath(own).suffix.lower() not in MESH_SUFFIXES:
+                # A member may have no name at all, of which zipfile can't say whether it is a folder.
+                if own.startswith(".") or PurePosixPath(own).suffix.lower() not in MESH_SUFFIXES or member.is_dir():
                     continue
                 if own in found:
                     raise InputError(f"{name}: two meshes are called {own}; give each part a name of its own")
