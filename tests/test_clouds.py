@@ -156,3 +156,20 @@ def test_without_any_training_cloud_the_stage_fails(
     monkeypatch.setattr(make_clouds, "sampled", none)
     with pytest.raises(InputError, match=r"none of its training shapes became a cloud.*vase_0000, bad luck"):
         make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "none", PARAMS)
+
+
+def test_each_shape_has_random_numbers_of_its_own(
+    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys: list[tuple] = []
+
+    def listening(*key: object) -> np.random.Generator:
+        keys.append(key)
+        return item_rng(*key)
+
+    monkeypatch.setenv("CAGESDF_WORKERS", "1")
+    monkeypatch.setattr(make_clouds, "item_rng", listening)
+    make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "out", PARAMS)
+    sets = read_clouds(tmp_path / "out")
+    assert len(keys) == len(set(keys)) == 1 + sum(map(len, sets.values())), "one for the recipes, one for each shape"
+    assert {key[0] for key in keys} == {PARAMS.seed}

@@ -222,7 +222,13 @@ def test_figures_are_means_of_least_distances(sets) -> None:
         assert found.figures["var" + suffix] == pytest.approx(table["var"].min(axis=1).mean(), rel=1e-5)
         if not suffix:
             assert found.distance == pytest.approx(table["gen"].min(axis=1), rel=1e-5)
-    assert 0 < found.figures["coverage"] <= 1
+    squared, within = (
+        np.array([[slow_chamfer(a, b)[1] for b in others.points] for a in some.points]) for others in (reference, some)
+    )
+    rows, whole = [draw.rows for draw in draws], np.zeros(10, bool)
+    assert found.figures["coverage"] == pytest.approx(np.mean([coverage(squared[:, row], whole) for row in rows]))
+    apart = [told_apart(within, squared[:, draw.rows], draw.within, whole) for draw in draws]
+    assert found.figures["told_apart"] == pytest.approx(np.mean(apart))
 
 
 def test_the_order_of_shapes_changes_nothing_but_which_is_which(sets) -> None:

@@ -273,3 +273,12 @@ def test_the_floor_compares_each_draw_with_the_other_references_and_the_other_dr
         for moved, other in zip(task.draws, rest):
             assert rows_in(task.reference.of(moved.rows), reference) == other.rows.tolist()
             np.testing.assert_array_equal(moved.within, other.within)
+
+
+def test_a_failed_shape_is_not_recognised_whatever_the_classifier_takes_its_points_for() -> None:
+    sure = Features(make_classifier((8, 16), 8, 1, 0), (8, 16), 8, ("stool",), 60)
+    points = np.random.default_rng(0).normal(size=(4, 80, 3)).astype(np.float32)
+    shapes, recognised = evaluate_generation.described(sure, "stool", PARAMS, points, np.arange(4) == 1)
+    assert recognised == 0.75
+    assert (shapes.points.shape, shapes.features.shape) == ((4, 40, 3), (4, 16))
+    assert np.isnan(evaluate_generation.described(sure, "vase", PARAMS, points, np.arange(4) == 1)[1])
