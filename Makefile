@@ -39,6 +39,8 @@ ifdef PROFILE
 	echo "The report: $$folder/data/report/index.html"
 else
 	@$(REPRO) && echo "The report: $$PWD/data/report/index.html"
+	@git diff --quiet -- dvc.lock data/metrics 2>/dev/null || test $$? -ne 1 || \
+	echo 'dvc.lock and data/metrics hold the results of this machine now (README, "After a run").'
 endif
 
 own: .venv/installed
