@@ -87,6 +87,16 @@ def test_a_seed_gives_the_same_shapes_again_and_another_one_others(command: Comm
     assert lines(tmp_path / "a")[0]["cuboids"] != lines(tmp_path / "c")[0]["cuboids"]
 
 
+def test_a_temperature_of_0_gives_the_mean_cuboids_and_styles_of_training_shapes(
+    command: Command, run: Path, tmp_path: Path
+) -> None:
+    command("generate", run, "--count", 3, "--out", tmp_path / "new", "--resolution", 8, "--temperature", 0)
+    entries = lines(tmp_path / "new")
+    assert len({tuple(map(tuple, entry["cuboids"])) for entry in entries}) == 1
+    known = {tuple(code) for code in read_run(run).latents.values.tolist()}
+    assert {tuple(entry["latent"]) for entry in entries} <= known
+
+
 def test_a_given_program_needs_no_generator_and_all_shapes_have_its_cuboids(command: Command, tmp_path: Path) -> None:
     run = test_stage_generate.write_arm(tmp_path / "run", -0.05)
     program = test_cli.write_program(tmp_path / "stool.txt")

@@ -120,23 +120,26 @@ class Third(Generator):
 
     def __init__(self) -> None:
         self.batches: list[int] = []
+        self.temperatures: set[float] = set()
         known = untrained().run
         self.kept = Generated(known.structures["a"], known.sequences["a"].cages[0])
 
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
         drawn = sum(self.batches)
         self.batches.append(count)
+        self.temperatures.add(temperature)
         return samples_of([self.kept if (drawn + i) % 3 == 0 else "bad luck" for i in range(count)])
 
 
 def test_cages_are_drawn_in_batches_as_they_are_taken_and_numbered_as_if_at_once() -> None:
     generator = Third()
-    draws = CageDraws(generator, np.random.default_rng(0), 1000, 1.0)
+    draws = CageDraws(generator, np.random.default_rng(0), 1000, 0.3)
     taken = iter(draws)
     assert [next(taken)[0] for _ in range(3)] == [0, 3, 6]
     assert generator.batches == [BATCH], "no more than were taken"
     assert [number for number, _ in taken] == list(range(9, 3000, 3))
     assert max(generator.batches) == BATCH
+    assert generator.temperatures == {0.3}
     assert draws.drawn == sum(generator.batches) == 1000 + draws.failures["bad luck"]
     samples = draw_cages(Third(), np.random.default_rng(0), 1000, 1.0)
     assert samples.numbers == tuple(range(0, 3000, 3))
