@@ -302,9 +302,10 @@ def _cleared(mesh: Mesh, min_thickness: float) -> Mesh:
     solid = _read(mesh) if is_closed(mesh) else manifold3d.Manifold()
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         return mesh
-    components = [from_manifold(component) for component in solid.decompose()]
+    cleared = from_manifold(solid)
+    components = _split(cleared, _patches(cleared))
     thick = [component for component in components if thickness(component) >= min_thickness]
-    return join(thick) if 0 < len(thick) < len(components) else from_manifold(solid)
+    return join(thick) if 0 < len(thick) < len(components) and all(map(is_closed, thick)) else cleared
 
 
 def _is_sound(capped: Mesh, cleared: Mesh) -> bool:

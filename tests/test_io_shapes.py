@@ -62,7 +62,7 @@ def test_tables_of_another_kind_version_or_origin_are_refused_by_name(tmp_path: 
     with pytest.raises(InputError, match="no such file; wanted a table of cuboids"):
         read_cages(tmp_path)
     (tmp_path / "cuboids.parquet").write_bytes((tmp_path / "parts.parquet").read_bytes())
-    with pytest.raises(InputError, match="holds parts version 2, wanted cuboids version 2"):
+    with pytest.raises(InputError, match="holds parts version 3, wanted cuboids version 2"):
         read_cages(tmp_path)
     pq.write_table(pa.table({"x": [1]}), tmp_path / "cuboids.parquet")
     with pytest.raises(InputError, match="no cagesdf block"):
