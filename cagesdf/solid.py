@@ -8,7 +8,7 @@ The chain of `make_solid`, cheapest step first; a part's method is the last step
     oriented    faces turned to agree with their neighbours
     united      pieces that were inside out turned, overlapping pieces made one
     capped      cut apart where more than two faces meet, the holes of each piece closed
-    wrapped     sheets that nothing closes replaced by a thin surface around them
+    wrapped     sheets that nothing closes, and faces that the other steps left out, given a thin surface around them
     untangled   a surface that runs into itself replaced by its outside
 
 What could take a step for ever is bounded: a part with too many pieces is wrapped as a whole, a
