@@ -8,7 +8,7 @@ The chain of `make_solid`, cheapest step first; a part's method is the last step
     oriented    faces turned to agree with their neighbours
     united      pieces that were inside out turned, overlapping pieces made one
     capped      cut apart where more than two faces meet, the holes of each piece closed
-    wrapped     sheets that nothing closes replaced by a thin surface around them
+    wrapped     sheets that nothing closes, and faces that the other steps left out, given a thin surface around them
     untangled   a surface that runs into itself replaced by its outside
 
 What could take a step for ever is bounded: a part with too many pieces is wrapped as a whole, a
@@ -302,9 +302,10 @@ def _cleared(mesh: Mesh, min_thickness: float) -> Mesh:
     solid = _read(mesh) if is_closed(mesh) else manifold3d.Manifold()
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         return mesh
-    components = [from_manifold(component) for component in solid.decompose()]
+    cleared = from_manifold(solid)
+    components = _split(cleared, _patches(cleared))
     thick = [component for component in components if thickness(component) >= min_thickness]
-    return join(thick) if 0 < len(thick) < len(components) else from_manifold(solid)
+    return join(thick) if 0 < len(thick) < len(components) and all(map(is_closed, thick)) else cleared
 
 
 def _is_sound(capped: Mesh, cleared: Mesh) -> bool:

@@ -13,7 +13,7 @@ import toy
 
 from cagesdf.distance import SurfaceDistance
 from cagesdf.importing import import_shape, signed_distances
-from cagesdf.meshes import Mesh, join, sample_surface
+from cagesdf.meshes import Mesh, compact, join, sample_surface
 from cagesdf.shape import RawPart, RawShape, Shape
 from cagesdf.solid import TIGHT, as_manifold, from_manifold, union
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -102,6 +102,15 @@ def sheet(mesh: Mesh, side: int) -> Mesh:
     return Mesh(np.stack([low, low + u, low + u + v, low + v]), np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
 
 
+def middle(board: Mesh, side: int) -> Mesh:
+    """The middle plane of a flat board of any outline: its upper faces, lowered."""
+    value = board.vertices[:, side]
+    faces = board.faces[(value[board.faces] > value.mean()).all(axis=1)]
+    vertices = board.vertices.copy()
+    vertices[:, side] = (value.min() + value.max()) / 2
+    return compact(Mesh(vertices, faces))
+
+
 def loop(start: float, end: float) -> Mesh:
     """A closed tube along a rising coil from angle `start` to `end`: beyond a full turn it runs into itself."""
     angles = np.arange(round(16 * start), round(16 * end) + 1) / 16
@@ -157,6 +166,11 @@ def cases() -> Iterator[Case]:
     lining = sheet(clean[0], 1)
     yield Case("sheet in a solid", clean, [join([clean[0], lining]), *clean[1:]])
     yield Case("sheet alone", [*clean, panel], [*clean, sheet(panel, 2)])
+    hole = toy.box([0, 1.4, -0.4], [0.5, 0.3, 1])
+    frame = from_manifold(as_manifold(panel) - as_manifold(hole))
+    yield Case("frame alone", [*clean, frame], [*clean, middle(frame, 2)])
+    flap = toy.box([0, 1.06, 0.65], [0.6, 2 * TIGHT, 0.4])
+    yield Case("flap in a lid's plane", [*clean, flap], [join([opened(clean[0]), sheet(flap, 1)]), *clean[1:]])
     ball = toy.ball([0, 0, 0], 1, 48)
     yield Case("nested", [ball], [join([ball, toy.ball([0.2, 0, 0], 0.5)])])
     apart = [toy.ball([x, 0, z], 0.3) for x in (-1, 0, 1) for z in (-1, 0, 1)]

@@ -8,7 +8,7 @@ import toy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cagesdf.audit import FEWEST, LINES, OUTLYING, audit, flags, vote, with_outliers
+from cagesdf.audit import FEWEST, LINES, LOST, OUTLYING, audit, flags, vote, with_outliers
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import Audit, Shape
 from cagesdf.solid import union
@@ -91,3 +91,13 @@ def test_a_shape_that_fills_its_box_unlike_the_others_is_told() -> None:
     few = [filled(0.1)] * (FEWEST - 1)
     assert with_outliers(few) == few
     assert all(shape.audit.outlier == 0 for shape in with_outliers([filled(0.1)] * FEWEST))
+
+
+@pytest.mark.parametrize("lost", [0.0, LOST, LOST + 1e-4, 0.9])
+def test_a_part_that_lost_more_than_half_a_percent_of_its_surface_is_told_with_its_name_and_the_share(
+    lost: float,
+) -> None:
+    shape = toy.stool("stool")
+    part = replace(shape.parts[1], repair=replace(shape.parts[1].repair, lost=lost))
+    told = [f"part {part.part_id} lost {lost:.2%} of its surface"] if lost > LOST else []
+    assert flags(replace(shape, parts=(shape.parts[0], part, *shape.parts[2:]))) == told

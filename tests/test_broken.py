@@ -9,13 +9,14 @@ from broken import Case
 from cagesdf.audit import flags
 from cagesdf.distance import SurfaceDistance
 from cagesdf.meshes import Mesh, is_closed
-from cagesdf.solid import METHODS, TIGHT, union
+from cagesdf.solid import ALPHA, METHODS, TIGHT, union
 
 POINTS = 5000
 CASES = {case.name: case for case in broken.cases()}
-# What is lost with a curved cap can't be known, and a sheet's plate is rounded at its rim.
+# What is lost with a curved cap can't be known, and a sheet's plate is rounded: at its rim by as much as it is
+# thick, in a corner of a hole by half the opening that the wrap enters.
 OPENED = {"opened", "opened, turned soup", "huge"}
-PLATES = {"sheet alone"}
+PLATES = {"sheet alone": 2 * TIGHT, "frame alone": ALPHA / 2, "flap in a lid's plane": 2 * TIGHT}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -27,13 +28,13 @@ def test_a_broken_shape_is_as_near_to_the_clean_one_as_is_promised(name: str) ->
         assert errors.mean <= 1e-4
     elif name in PLATES:
         assert max(errors.sign, errors.sign_near) <= 0.002
-        assert errors.worst <= 2 * TIGHT
+        assert errors.worst <= PLATES[name]
     else:
         assert errors.sign == errors.sign_near == 0
         assert errors.worst <= 1e-9
 
 
-@pytest.mark.parametrize("name", sorted(CASES.keys() - {"self-intersecting", "sheet alone"}))
+@pytest.mark.parametrize("name", sorted(CASES.keys() - {"self-intersecting"} - PLATES.keys()))
 def test_rays_through_the_broken_faces_agree_with_the_repaired_sign(name: str) -> None:
     shape = broken.imported(CASES[name])
     assert shape.audit.clear > 200

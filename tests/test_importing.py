@@ -11,7 +11,7 @@ from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.frames import UP_AXES
-from cagesdf.importing import import_shape, summary
+from cagesdf.importing import import_shape, summary, verdict
 from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
@@ -150,6 +150,13 @@ def test_missing_system_libraries_are_never_a_rejection(monkeypatch: pytest.Monk
     sheet = Mesh(BOX.vertices, BOX.faces[:1])
     with pytest.raises(InputError, match="apt-get"):
         import_shape(raw_shape({"seat": sheet}), "y", **LIMITS)
+
+
+@pytest.mark.parametrize(("lost", "told"), [(0.0, ""), (4e-5, ""), (8e-4, "; at most 0.08% of a part's surface lost")])
+def test_the_verdict_tells_of_surface_that_is_lost_though_it_be_little(lost: float, told: str) -> None:
+    shape = toy.stool("stool")
+    part = replace(shape.parts[0], repair=replace(shape.parts[0].repair, lost=lost))
+    assert verdict(replace(shape, parts=(part, *shape.parts[1:]))) == f"passed{told}"
 
 
 def test_the_summary_counts_shapes_and_methods_and_gives_reasons() -> None:
