@@ -1,10 +1,17 @@
 # make help lists the commands. Without make: README.md, "Without make".
 
 PYTHON ?= python3
-BIN := $(CURDIR)/.venv/bin
-export PATH := $(BIN):$(PATH)
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
 REPRO := python -m pipeline.lanes
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PIP := .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+# Values go to commands through the environment, as they were typed: neither make nor the shell expands what is in them.
+override DATA := $(value DATA)
+override NAME := $(value NAME)
+override INCLUDE := $(value INCLUDE)
+override UP := $(value UP)
+override PROFILE := $(value PROFILE)
+export DATA NAME INCLUDE UP PROFILE
 
 .PHONY: help repro own demo test check
 
@@ -28,26 +35,28 @@ help:
 
 repro: .venv/installed
 ifdef PROFILE
-	@folder=$$(python -m pipeline.workspace profile "$(PROFILE)") && cd "$$folder" && $(REPRO) && \
+	@folder=$$(python -m pipeline.workspace profile -- "$$PROFILE") && cd "$$folder" && $(REPRO) && \
 	echo "The report: $$folder/data/report/index.html"
 else
-	@$(REPRO) && echo "The report: $(CURDIR)/data/report/index.html"
+	@$(REPRO) && echo "The report: $$PWD/data/report/index.html"
+	@git diff --quiet -- dvc.lock data/metrics 2>/dev/null || test $$? -ne 1 || \
+	echo 'dvc.lock and data/metrics hold the results of this machine now (README, "After a run").'
 endif
 
 own: .venv/installed
-	@folder=$$(python -m pipeline.workspace own --data "$(DATA)" --name "$(NAME)" \
-		$(if $(INCLUDE),--include "$(INCLUDE)") $(if $(UP),--up "$(UP)")) && cd "$$folder" && $(REPRO) && \
+	@folder=$$(python -m pipeline.workspace own $${DATA:+"--data=$$DATA"} $${NAME:+"--name=$$NAME"} \
+		$${INCLUDE:+"--include=$$INCLUDE"} $${UP:+"--up=$$UP"}) && cd "$$folder" && $(REPRO) && \
 	echo "The report: $$folder/data/report/index.html"
 
 # Snapshots, logs and evaluations stay behind: 3 MB at most.
 demo: .venv/installed
-	@folder=$$(python -m pipeline.workspace profile demo) && cd "$$folder" && $(REPRO) && cd "$(CURDIR)" && \
+	@folder=$$(python -m pipeline.workspace profile demo) && (cd "$$folder" && $(REPRO)) && \
 	rm -rf cagesdf/demo/run cagesdf/demo/programs && mkdir -p cagesdf/demo/run cagesdf/demo/programs && \
 	cp "$$folder"/data/runs/chair/cagesdf/*.* cagesdf/demo/run && \
 	cp "$$folder"/data/programs/chair/*.* cagesdf/demo/programs && rm cagesdf/demo/*/log.jsonl
 
 test: .venv/installed-dev
-	python -m pytest -n 2
+	python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: .venv/installed-dev
 	ruff check . && ruff format --check . && mypy

@@ -123,7 +123,7 @@ def main() -> None:
                 row(
                     f"{options.source.name}, by {category}",
                     trained,
-                    all_fitted(run, known, find_shapes(options.source)),
+                    all_fitted(run, known, [*find_shapes(options.source, "*")]),
                 )
             )
     print(f"On {processor()}.\n")

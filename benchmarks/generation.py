@@ -58,7 +58,7 @@ def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[
                     generator = read_generator(data / "programs" / category).generator
                     samples = draw_cages(generator, rng_of(turn), shapes, 1.0)
                     drawn = list(zip(samples.numbers, samples.kept))
-                todo = orders(drawn, {method: source}, turn, partial(rng_of, turn, 1), 1.0)
+                todo = list(orders(drawn, method, source, turn, partial(rng_of, turn, 1), 1.0))
                 with ThreadPoolExecutor(threads) as pool:
                     made = list(
                         pool.map(partial(make_shape, run, how), map(partial(rng_of, turn, 2), range(len(todo))), todo)

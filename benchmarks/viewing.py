@@ -88,7 +88,7 @@ def main() -> None:
     run = opened(arguments.run, None, None, None, imported, settings_of())
     state = run.session.opened(run.first)
     names = part_names(state.structure)
-    with serving(run, "127.0.0.1", 18_090, 2) as editor, sync_playwright() as playwright:
+    with serving(run, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
         with tempfile.TemporaryDirectory() as folder:
             page = EditorPage(browser.new_page(viewport={"width": 1200, "height": 800}), editor.address, Path(folder))

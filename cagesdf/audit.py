@@ -25,6 +25,7 @@ NEAR = 2e-3  # canonical units: points nearer to the surface aren't asked; plate
 MAX_PAIRS = 20_000_000  # of a face and a point that lie in one strip, a line; with more there is no audit
 BATCH = 1_000_000  # of them, at a time
 DIFFERING = 0.02  # share of the clear points: a shape with more is to be looked at
+LOST = 0.005  # share of a part's area as read that its solid leaves out: the same
 OUTLYING = 6.0  # robust z-score: the same
 FEWEST = 8  # shapes that make a category
 
@@ -152,6 +153,11 @@ def flags(shape: Shape) -> list[str]:
             f"it fills {audited.inside:.2%} of its box, {'more' if audited.outlier > 0 else 'less'} than others "
             f"(robust z-score {audited.outlier:.1f})"
         )
+    found += [
+        f"part {part.part_id} lost {part.repair.lost:.2%} of its surface"
+        for part in shape.parts
+        if part.repair.lost > LOST
+    ]
     if plates := sum(part.repair.plates for part in shape.parts):
         found.append(f"{plates} sheet{'s' if plates > 1 else ''} got a thickness")
     return found

@@ -60,10 +60,13 @@ class Similarity:
 
     @staticmethod
     def from_numbers(numbers: list[float]) -> "Similarity":
-        """Undo `to_numbers`. Raises InputError for anything but thirteen finite numbers."""
-        values = np.asarray(numbers, dtype=np.float64)
-        if values.shape != (13,) or not np.isfinite(values).all():
-            raise InputError(f"similarity: wanted 13 finite numbers, got {str(numbers)[:60]}")
+        """Undo `to_numbers`. Raises InputError for anything but thirteen finite numbers, the first above 0."""
+        try:
+            values = np.asarray(numbers, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            values = np.zeros(0)
+        if values.shape != (13,) or not np.isfinite(values).all() or values[0] <= 0:
+            raise InputError(f"similarity: wanted 13 finite numbers, a scale above 0 first, got {str(numbers)[:60]}")
         return Similarity(float(values[0]), values[1:10].reshape(3, 3), values[10:13])
 
 

@@ -1,10 +1,11 @@
 """New surfaces from a trained network: cages, codes for them, surfaces, and whether they hold (§4.4)."""
 
 from abc import ABC, abstractmethod
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -30,7 +31,10 @@ from cagesdf.structure.executor import execute
 from cagesdf.structure.program import AssemblyProgram
 
 ROUNDS = 8  # draws for each cage that is wanted, at most
+BATCH = 256  # draws that are made at once, at most
 NO_CAGE = Cage.of({})
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 STABILITIES: Mapping[str, Callable[[Cage], bool]] = {"support": stable, "simulation": stays_standing}
 
 
@@ -133,20 +137,35 @@ def rest_cages(run: Run) -> list[Cage]:
     return [run.sequences[name].cages[0] for name in sorted(run.sequences)]
 
 
+class CageDraws:
+    """Valid cages with the numbers of their draws, `count` of them; ROUNDS · `count` draws are made at most.
+
+    Iterated once: cages are drawn in batches as they are taken, so that none is held. Every draw is numbered and
+    counted, in `drawn` and by the reason of its failure in `failures`.
+    """
+
+    def __init__(self, generator: Generator, rng: np.random.Generator, count: int, temperature: float) -> None:
+        self.generator, self.rng, self.count, self.temperature = generator, rng, count, temperature
+        self.drawn = 0
+        self.failures: Counter[str] = Counter()
+
+    def __iter__(self) -> Iterator[tuple[int, Generated]]:
+        kept, most = 0, ROUNDS * self.count
+        while kept < self.count and self.drawn < most:
+            batch = min(BATCH, self.count - kept, most - self.drawn)
+            samples = self.generator.sample(self.rng, batch, self.temperature)
+            first, self.drawn = self.drawn, self.drawn + batch
+            self.failures.update(samples.failures)
+            kept += len(samples.kept)
+            yield from ((first + number, item) for number, item in zip(samples.numbers, samples.kept))
+
+
 def draw_cages(generator: Generator, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-    """Draw until `count` cages are valid, at most ROUNDS · `count` times; every draw is numbered and counted."""
-    kept: list[Generated] = []
-    numbers: list[int] = []
-    failures: Counter[str] = Counter()
-    drawn = 0
-    while len(kept) < count and drawn < ROUNDS * count:
-        asked = min(count - len(kept), ROUNDS * count - drawn)
-        samples = generator.sample(rng, asked, temperature)
-        kept += samples.kept
-        numbers += [drawn + number for number in samples.numbers]
-        failures.update(samples.failures)
-        drawn += asked
-    return Samples(tuple(kept), tuple(numbers), dict(sorted(failures.items())))
+    """All of `CageDraws` at once."""
+    draws = CageDraws(generator, rng, count, temperature)
+    kept = list(draws)
+    failures = dict(sorted(draws.failures.items()))
+    return Samples(tuple(item for _, item in kept), tuple(number for number, _ in kept), failures)
 
 
 def of_program(program: AssemblyProgram, run: Run) -> Generated:
@@ -180,25 +199,31 @@ class Order:
 
 
 def orders(
-    drawn: Sequence[tuple[int, Generated | None]],
-    sources: Mapping[str, CodeSource],
+    drawn: Iterable[tuple[int, Generated | None]],
+    method: str,
+    source: CodeSource,
     seed: int,
     rng_of: Callable[[int], np.random.Generator],
     temperature: float,
-) -> list[Order]:
-    """Shapes of some draws, numbered, by each method in turn: equal numbers have equal cages and random numbers."""
-    return [
-        Order(
-            method,
-            f"{i:05d}",
-            seed,
-            number,
-            generated,
-            source.draw(rng_of(i), generated.cage if generated is not None else NO_CAGE, temperature),
-        )
-        for method, source in sources.items()
-        for i, (number, generated) in enumerate(drawn)
-    ]
+) -> Iterator[Order]:
+    """Shapes of some draws, numbered, by one method: equal numbers have the same random numbers whatever it is."""
+    for i, (number, generated) in enumerate(drawn):
+        code = source.draw(rng_of(i), generated.cage if generated is not None else NO_CAGE, temperature)
+        yield Order(method, f"{i:05d}", seed, number, generated, code)
+
+
+def in_order(pool: Executor, make: Callable[[Item], Result], items: Iterable[Item], ahead: int) -> Iterator[Result]:
+    """What a pool makes of each item, in order; at most `ahead` are made, or being made, beyond the one that is taken.
+
+    A pool's own `map` would make all of them, however slowly they are taken.
+    """
+    waiting: deque[Future[Result]] = deque()
+    for item in items:
+        waiting.append(pool.submit(make, item))
+        if len(waiting) > ahead:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
 
 
 def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order) -> GeneratedShape:
@@ -218,6 +243,7 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         order.draw,
         order.generated.structure if order.generated is not None else None,
         cage,
+        order.generated.floating if order.generated is not None else 0,
         order.code.latent,
         order.code.effective,
         status,
@@ -243,13 +269,19 @@ def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extract
     return found, OK if len(found.mesh.faces) else EMPTY
 
 
-def counts(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+def counts(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     """How many rows of an index are what: `shapes` (all), `ok`, `empty`, `broken`, `one_piece`.
 
-    Of an arm with cuboids also `rooted` and `stable`.
+    Of an arm with cuboids also `rooted`, `stable`, and `floating`: cuboids in mid-air that were left out.
     """
-    kinds = Counter(row["status"].partition(":")[0] for row in rows)
-    found = {"shapes": len(rows), **{kind: kinds[kind] for kind in (OK, EMPTY, BROKEN)}}
-    found["one_piece"] = sum(row["components"] == 1 for row in rows)
-    checks = ("rooted", "stable") if any(row["part_ids"] for row in rows) else ()
-    return found | {name: sum(row[name] for row in rows) for name in checks}
+    found = dict.fromkeys(("shapes", OK, EMPTY, BROKEN, "one_piece"), 0)
+    checks = dict.fromkeys(("rooted", "stable", "floating"), 0)
+    cuboids = False
+    for row in rows:
+        found["shapes"] += 1
+        found[row["status"].partition(":")[0]] += 1
+        found["one_piece"] += row["components"] == 1
+        cuboids |= bool(row["part_ids"])
+        for name in checks:
+            checks[name] += row[name]
+    return found | checks if cuboids else found

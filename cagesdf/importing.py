@@ -17,6 +17,7 @@ from cagesdf.solid import METHODS, make_solid, union
 
 STAGE = "import_shapes"
 BATCH = 1_000_000  # points whose distances are asked for together
+LEAST_LOST = 5e-5  # share of a part's surface that `verdict` mentions: what rounds to 0.01 %
 SHOWN = 20  # shapes to look at, and rejected ones, that the summary lists
 
 
@@ -60,7 +61,7 @@ def _import_part(raw: RawShape, part: RawPart, mesh: Mesh, weld: float, min_thic
     volume = signed_volume(solid.mesh)
     inside = volume / box_volume(solid.mesh)
     faces = (len(mesh.faces), len(solid.mesh.faces))
-    repair = Repair(solid.method, *faces, volume, inside, solid.dropped, solid.plates)
+    repair = Repair(solid.method, *faces, volume, inside, solid.dropped, solid.plates, solid.lost)
     return Part(part.part_id, part.label, solid.mesh, repair)
 
 
@@ -99,7 +100,9 @@ def verdict(shape: Shape) -> str:
     counts = Counter(part.repair.method for part in shape.parts if part.repair.method != "none")
     repairs = [f"{counts[method]} {method}" for method in METHODS if counts[method]]
     told = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
-    return "; ".join([f"{shape.status}{told}", *flags(shape)])
+    lost = max(part.repair.lost for part in shape.parts)
+    loss = [f"at most {lost:.2%} of a part's surface lost"] if lost >= LEAST_LOST else []
+    return "; ".join([f"{shape.status}{told}", *loss, *flags(shape)])
 
 
 def repair_report(shape: Shape) -> dict[str, Any]:

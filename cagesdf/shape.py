@@ -50,6 +50,7 @@ class Repair:
     inside: float  # share of the part's axis-aligned box, canonical, that is inside the closed mesh
     dropped: int  # pieces left out: sheets that the rest represents, specks
     plates: int  # sheets that were given a thickness
+    lost: float  # share of the area as read that lies outside the closed mesh, more than `coverage.REACH` from it
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ PROBE = 64  # bytes by which UTF-16 without a mark is known
 
 def read_text(path: Path, most: int) -> str:
     """A file's text. Raises InputError if it is missing, larger than `most` bytes, unreadable or no text."""
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
+    if not path.is_file():
+        raise InputError(f"{path}: is a folder or a device, no file" if path.exists() else f"{path}: no such file")
     try:
         if path.stat().st_size > most:
             raise InputError(f"{path}: {path.stat().st_size:,} bytes; wanted at most {most:,}")

@@ -9,17 +9,18 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import PipelineError
 from pipeline.params import Params
 
 MANIFEST = "manifest.json"
 
 
-class ArtefactError(ValueError):
+class ArtefactError(PipelineError):
     """An artefact that is missing, incomplete, of another kind or of another format."""
 
 
@@ -80,14 +81,12 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
-def inside(folder: Path, kind: str) -> dict[str, Path]:
-    """The artefacts of a kind in a folder, by name, sorted. Raises ArtefactError if there is none, or another one."""
-    found = {path.name: path for path in sorted(folder.glob("*")) if (path / MANIFEST).is_file()}
-    kinds = {name: read_manifest(path)["kind"] for name, path in found.items()}
-    if set(kinds.values()) != {kind}:
-        got = ", ".join(f"{name}: {other}" for name, other in kinds.items() if other != kind) or "no artefact"
-        raise ArtefactError(f"{folder}: wanted folders of kind {kind!r}, got {got}; check the order of the paths")
-    return found
+def inside(folder: Path, names: Iterable[str], kind: str, version: int) -> dict[str, Path]:
+    """The artefacts of these names in a folder, sorted; what else lies there, of other runs, is left alone.
+
+    Raises ArtefactError for one that is missing, of another kind or of another format.
+    """
+    return {name: _checked(folder / name, kind, version) for name in sorted(names)}
 
 
 def _checked(path: Path, kind: str, version: int) -> Path:
@@ -113,11 +112,20 @@ def digest_file(path: Path) -> str:
 
 
 def digest_tree(path: Path) -> str:
-    """One digest of all files below a folder, names included; of a file's bytes if it is one."""
+    """One digest of all files below a folder, names included, also behind links; of a file's bytes if it is one."""
     if path.is_file():
         return digest_file(path)
     total = hashlib.sha256()
-    for item in sorted(path.rglob("*")):
-        if item.is_file():
-            total.update(f"{item.relative_to(path).as_posix()}\0{digest_file(item)}\n".encode())
+    for item in sorted(_files(path, frozenset())):
+        total.update(os.fsencode(f"{item.relative_to(path).as_posix()}\0{digest_file(item)}\n"))
     return total.hexdigest()
+
+
+def _files(folder: Path, above: frozenset[Path]) -> Iterator[Path]:
+    """The files below a folder. A link to one of the folders `above` it, which would never end, is passed over."""
+    real = folder.resolve()
+    for item in folder.iterdir() if real not in above else ():
+        if item.is_dir():
+            yield from _files(item, above | {real})
+        elif item.is_file():
+            yield item

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from pipeline.errors import SettingError, WorkerError
 from pipeline.processes import DaskProcesses, Died, LocalProcesses, Processes, ThisProcess
 
 Item = TypeVar("Item")
@@ -23,7 +24,7 @@ def workers() -> int:
     if not value:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if not value.isdigit() or int(value) < 1:
-        raise ValueError(f"CAGESDF_WORKERS: wanted a positive number, got {value!r}")
+        raise SettingError(f"CAGESDF_WORKERS: wanted a positive number, got {value!r}")
     return int(value)
 
 
@@ -31,7 +32,7 @@ def item_seconds() -> float:
     """How long one item may take: CAGESDF_ITEM_SECONDS, or half an hour, hundreds of times what any has taken."""
     value = os.environ.get("CAGESDF_ITEM_SECONDS", "1800")
     if not value.isdigit() or int(value) < 1:
-        raise ValueError(f"CAGESDF_ITEM_SECONDS: wanted a positive number, got {value!r}")
+        raise SettingError(f"CAGESDF_ITEM_SECONDS: wanted a positive number, got {value!r}")
     return float(value)
 
 
@@ -89,9 +90,15 @@ def device() -> str:
     import torch
 
     value = os.environ.get("CAGESDF_DEVICE") or "auto"
-    if value != "auto":
-        return value
-    return "cuda" if torch.cuda.is_available() else "cpu"
+    if value == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        kind = torch.device(value).type
+    except RuntimeError as error:
+        raise SettingError(f"CAGESDF_DEVICE: wanted a device such as cpu or cuda, got {value!r}") from error
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise SettingError(f"CAGESDF_DEVICE: got {value!r}, but torch finds no GPU here; wanted cpu")
+    return value
 
 
 def parallel_map(
@@ -106,7 +113,7 @@ def parallel_map(
     Any other exception stops the map. Each item has a process to itself meanwhile, and one thread: one of
     `workers()` processes of this machine, or one of the Dask cluster that CAGESDF_DASK names. An item whose
     process dies (killed for its memory, say) or takes more than `item_seconds()` is called once more, after
-    all others and alone; if that fails too, it is rejected as `lost(item, reason)`, or RuntimeError names it
+    all others and alone; if that fails too, it is rejected as `lost(item, reason)`, or WorkerError names it
     where no `lost` is given. CAGESDF_WORKERS=1 calls all in this process, where nothing guards against that.
     """
     [(_, results, rejected)] = parallel_groups(function, [items], rejects, label, lost)
@@ -154,7 +161,7 @@ def parallel_groups(
             if isinstance(outcome, Died):
                 reason = f"killed its process twice: a crash, out of memory, or more than {item_seconds():g} s"
                 if lost is None:
-                    raise RuntimeError(f"{label}: {item!r:.200} {reason}")
+                    raise WorkerError(f"{label}: {item!r:.200} {reason}")
                 outcome = None, lost(item, reason)
             bar.update()
             yield from ready(number, outcome)

@@ -13,18 +13,27 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 from dvc.repo import Repo
 
 from pipeline.executor import device, progress, workers
 from pipeline.memory import memory
+from pipeline.params import ParamsError, check
 
 REPRO = [sys.executable, "-m", "dvc", "--wait-for-lock", "repro", "--single-item"]
+PARAMS = Path("params.yaml")
 Graph = dict[str, set[str]]  # a stage's address, and those of the stages that it reads from
 
 
 def main() -> int:
-    """Returns 1 if a stage failed, after those that had begun."""
+    """Returns 1 if a stage failed, after those that had begun.
+
+    Raises ParamsError before any begins if there is a params.yaml and it is wrong: names in it become words of
+    commands.
+    """
+    if PARAMS.is_file():
+        check(PARAMS)
     todo = stale(*graph())
     done = progress(side_by_side(todo, lanes(), run), len(todo), "stages")
     failed = [address for address, succeeded in done if not succeeded]
@@ -101,4 +110,7 @@ def run(address: str, lane: int, count: int) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except ParamsError as error:
+        sys.exit(f"lanes: {error}")

@@ -3,6 +3,8 @@
 import os
 import re
 
+from pipeline.errors import SettingError
+
 UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 SHARE = 0.5  # of the machine's memory, where nothing is said
 
@@ -14,7 +16,7 @@ def memory() -> int:
         return int(SHARE * installed())
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([KMGT]?)B?", value.strip().upper())
     if not found:
-        raise ValueError(f"CAGESDF_MEMORY: wanted a size such as 500M or 8G, got {value!r}")
+        raise SettingError(f"CAGESDF_MEMORY: wanted a size such as 500M or 8G, got {value!r}")
     return int(float(found[1]) * UNITS[found[2]])
 
 

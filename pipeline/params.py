@@ -2,23 +2,31 @@
 
 The schema has no defaults: every value stands in the file, because `pipeline/` is not among
 the stages' `deps` and a default changed here would leave stale results. Values that change no
-result (workers, device) are not parameters; `stage.py` takes them from the environment.
+result (workers, device) are not parameters; `executor.py` takes them from the environment.
+
+A stage that reads a folder for each category or arm has the names in its parameters: they are those under `run`, which
+alone has them in the file, and `dvc.yaml` lists them among the stage's `params`.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.errors import PipelineError
+
 Count = Annotated[int, Field(ge=1)]
 Natural = Annotated[int, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Name = Annotated[str, Field(pattern=r"^\w[\w.-]*$")]  # of a folder
+Names = Annotated[tuple[Name, ...], Field(min_length=1)]
 
 
-class ParamsError(ValueError):
+class ParamsError(PipelineError):
     """Parameters that are missing, unknown or of the wrong type; the message names all of them."""
 
 
@@ -155,6 +163,7 @@ class EvaluateParams(Params):
     points: Count  # on each surface, for each seed
     detail: Positive  # true surface further than this share of the longest side from the cage counts as detail
     seeds: tuple[Natural, ...]  # figures are averaged over these
+    arms: Names  # run's
 
 
 class ProgressParams(Params):
@@ -165,6 +174,7 @@ class ProgressParams(Params):
     points: Count  # on each surface
     detail: Positive  # as evaluate's
     seed: Natural
+    arms: Names  # run's
 
 
 class TrialsParams(Params):
@@ -189,6 +199,7 @@ class EditsParams(Params):
     outside: Literal["union", "constant"]
     overlap: Literal["deepest", "union", "blend"]
     loose: Literal["keep", "drop"]
+    arms: Names  # run's
 
 
 class GenerateParams(Params):
@@ -236,6 +247,7 @@ class GenerationParams(Params):
     points: Count  # of each cloud, for Chamfer distances; features have all that the classifier takes
     draws: Count  # of as many references as there are generated shapes, at most
     seed: Natural
+    generators: Names  # run's
 
 
 class ReportParams(Params):
@@ -244,7 +256,9 @@ class ReportParams(Params):
     shapes: Count  # a category, in the comparison picture
     generated: Count  # of each method
     image_size: Count  # pixels along each side of one cell
-    rates: dict[str, Positive]  # points a second that an arm trains on, for the time axis; benchmarks/training.py
+    categories: Names  # run's
+    arms: Names  # run's
+    generators: Names  # run's
 
 
 SECTIONS: dict[str, type[Params]] = {
@@ -269,15 +283,41 @@ SECTIONS: dict[str, type[Params]] = {
 }
 
 
+LISTS = ("categories", "arms", "generators")  # of run, that stages' parameters hold
+
+
 class RunParams(BaseModel):
     """What the DVC graph is multiplied by, and where its code lies."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    categories: tuple[str, ...]
-    arms: tuple[str, ...]
-    generators: tuple[str, ...]  # those of the arms that new shapes are made with
+    categories: Names
+    arms: Names
+    generators: Names  # those of the arms that new shapes are made with
     code: str  # path of the project's root from the folder of params.yaml
+
+
+def read_yaml(content: bytes, source: str) -> dict[str, Any]:
+    """A YAML file's mapping of sections; UTF-8 or UTF-16, an empty file is an empty one.
+
+    Raises ParamsError in one line with the file's name `source` and, where YAML breaks, line and column.
+    """
+    try:
+        mapping = yaml.safe_load(content)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise ParamsError(f"{source}{place}: is not YAML ({error.problem or error.context})") from error
+    except yaml.reader.ReaderError as error:
+        before = content[: error.position]
+        place = f"line {before.count(10) + 1}, column {len(before) - before.rfind(10)}"
+        raise ParamsError(f"{source}, {place}: is not YAML ({error.reason})") from error
+    # A value that isn't of its tag's kind, such as the date 2024-13-01, and brackets nested too deeply.
+    except (ValueError, LookupError, AttributeError, RecursionError) as error:
+        raise ParamsError(f"{source}: is not YAML ({error})") from error
+    if mapping is not None and not isinstance(mapping, dict):
+        raise ParamsError(f"{source}: wanted a mapping of sections, got {type(mapping).__name__}")
+    return mapping or {}
 
 
 def load(section: str, path: Path = Path("params.yaml")) -> Any:
@@ -295,13 +335,9 @@ def load(section: str, path: Path = Path("params.yaml")) -> Any:
 def check(path: Path) -> dict[str, Params]:
     """All sections of a parameter file, arms merged with `train`. Raises ParamsError as `load` does."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = read_yaml(path.read_bytes(), str(path))
     except OSError as error:
         raise ParamsError(f"{path}: can't be read ({error.strerror}); run in a folder with a params.yaml") from error
-    except yaml.YAMLError as error:
-        raise ParamsError(f"{path}: is not YAML ({error})") from error
-    if not isinstance(content, dict):
-        raise ParamsError(f"{path}: wanted a mapping of sections, got {type(content).__name__}")
     problems: list[str] = []
     sections: dict[str, Params] = {}
 
@@ -323,13 +359,21 @@ def check(path: Path) -> dict[str, Params]:
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     run = validate("run", RunParams, content["run"])
+    named = run.model_dump(exclude={"code"}) if run else dict.fromkeys(LISTS, ("unknown",))
     for name, model in SECTIONS.items():
         values = content[name]
-        sections[name] = validate(
-            name, model, {"format": content["format"], **values} if isinstance(values, dict) else values
-        )
-    arms = content["arms"] if isinstance(content["arms"], dict) else {}
+        if isinstance(values, dict):
+            lists = {key: names for key, names in named.items() if key in model.model_fields}
+            problems += [f"{name}.{key}: stands under run" for key in lists if key in values]
+            values = {"format": content["format"], **values, **lists}
+        sections[name] = validate(name, model, values)
+    arms = content["arms"] if isinstance(content["arms"], dict) and isinstance(content["train"], dict) else {}
+    if not isinstance(content["arms"], dict):
+        problems.append(f"arms: wanted a mapping, got {content['arms']!r}")
     for name, differences in arms.items():
+        if not isinstance(differences or {}, dict):
+            problems.append(f"arms.{name}: wanted a mapping of differences from train, got {differences!r}")
+            continue
         merged = {"format": content["format"], **content["train"], **(differences or {})}
         before = len(problems)
         sections[f"arms.{name}"] = validate(f"arms.{name}", TrainParams, merged)
@@ -339,6 +383,25 @@ def check(path: Path) -> dict[str, Params]:
     if run is not None:
         problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
         problems += [f"run.generators: no arm {name!r} in run.arms" for name in run.generators if name not in run.arms]
+        problems += [f"run.{key}: names one twice" for key, names in named.items() if len({*names}) < len(names)]
+    problems = problems or list(contradictions(sections))
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     return sections
+
+
+def contradictions(sections: dict[str, Any]) -> Iterator[str]:
+    """What is wrong with sections that are each right: what their stages would say hours later, or never."""
+    deform, features, clouds = (sections[name] for name in ("deform_sequences", "train_features", "make_clouds"))
+    if not {*deform.held_out} <= {*range(1, deform.steps)}:
+        yield f"deform_sequences.held_out: got {deform.held_out}, wanted steps among 1 to {deform.steps - 1}"
+    for name in ("make_clouds", "generate"):
+        got = sections[name].points
+        for needed, wanted in (
+            ("train_features", 0 if features.weights else features.points),  # weights bring a number of their own
+            ("evaluate_generation", sections["evaluate_generation"].points),
+        ):
+            if got < wanted:
+                yield f"{name}.points: got {got}, wanted at least {needed}.points, {wanted}"
+    if clouds.seed == sections["synthesize"].seed:
+        yield f"make_clouds.seed: got {clouds.seed}, wanted another than synthesize.seed: references must be new shapes"

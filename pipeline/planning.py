@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import yaml
@@ -24,9 +25,7 @@ CHUNKS = 16  # a training step that is measured has, at most
 WORK = 2e11  # multiplications that a measured training makes, about: a second or some
 CELLS = 64  # surfaces that are measured have, at most: hardly trained networks are asked nearly everywhere
 SHORT = 3.0  # seconds: what takes less is measured again, warm
-PARALLEL = {"import_shapes", "fit_cuboids", "deform_sequences", "sample_points", "train", "extract_meshes", "evaluate",
-            "evaluate_progress", "make_trials", "evaluate_edits", "generate", "make_clouds",
-            "evaluate_generation"}  # fmt: skip
+SHARING = {"parallel_map", "parallel_groups", "workers"}  # what a stage imports that shares its items among workers
 SMALL: dict[str, Any] = {
     "synthesize": {"train": SHAPES, "val": 0},
     "match_targets": {"unmatched": "scale"},
@@ -129,7 +128,7 @@ def measure(content: dict[str, Any], folder: Path, clock: Callable[[], float] = 
     )
     for name in REJECTING:
         small = merged(small, {name: {"max_rejected": 1.0}})
-    graph = yaml.safe_load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
+    graph = _graph()
     path = folder / "params.yaml"
     path.write_text(yaml.safe_dump(small), encoding="utf-8")
     sections, run = check(path), content["run"]
@@ -168,10 +167,10 @@ def training_steps(params: Any) -> int:
 def _measured(
     stage: str, command: str, category: str, arm: str, sections: dict[str, Any], clock: Callable[[], float]
 ) -> Measured:
-    words = command.replace("${item.category}", category).replace("${item.arm}", arm).replace('"', "").split()
+    words = command.replace("${item.category}", category).replace("${item.arm}", arm).split()
     section = words[words.index("--params") + 1] if "--params" in words else stage
     words = words[3 : words.index("--params")] if "--params" in words else words[3:]
-    run = import_module(f"stages.{stage}").main
+    run = _module(stage).main
     # The category's name is the one word that isn't a path.
     arguments = [word if word == category else Path(word) for word in words]
     params, items = sections[section], 1
@@ -196,6 +195,20 @@ def _measured(
     out = next(path for path in reversed(arguments) if isinstance(path, Path))
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     return Measured(stage, category, arm, seconds, items, size, _highest())
+
+
+def shared(stage: str) -> bool:
+    """Whether workers share a stage: its items, as its file says, or its arms, which `lanes` runs side by side."""
+    return bool(SHARING & vars(_module(stage)).keys()) or "arm" in _graph()[stage].get("matrix", {})
+
+
+def _module(stage: str) -> ModuleType:
+    return import_module(f"stages.{stage}")
+
+
+def _graph() -> dict[str, Any]:
+    """The stages of dvc.yaml."""
+    return yaml.safe_load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
 
 
 def _timed(run: Callable[..., None], arguments: list[Any], params: Any, clock: Callable[[], float]) -> float:
@@ -250,7 +263,7 @@ def _estimate(
     some: list[Measured], sections: dict[str, Any], categories: int, groups: Groups, processes: int
 ) -> Estimate:
     stage, counts = some[0].stage, Counts.of(sections)
-    parallel = processes if stage in PARALLEL else 1
+    parallel = processes if shared(stage) else 1
     seconds, size, total = 0.0, 0.0, 0
     for item in some:
         times = categories if item.stage in ONCE else 1

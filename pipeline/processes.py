@@ -22,6 +22,8 @@ import cloudpickle
 from loky import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from loky.process_executor import TerminatedWorkerError
 
+from pipeline.errors import WorkerError
+
 ROOT = Path(__file__).parent.parent
 # Each item has one thread: processes share the cores, and sums in another order would be other numbers.
 ONE_THREAD = dict.fromkeys(
@@ -102,7 +104,7 @@ class DaskProcesses:
     """The workers of the Dask scheduler at `address`, which see this folder under the same path.
 
     What a lost worker left undone is done elsewhere; an item has died when several workers did in turn, as the
-    scheduler's `allowed-failures` says. Raises RuntimeError where there is no cluster, or it runs other code.
+    scheduler's `allowed-failures` says. Raises WorkerError where there is no cluster, or it runs other code.
     """
 
     def __init__(self, address: str, seconds: float) -> None:
@@ -114,12 +116,12 @@ class DaskProcesses:
         try:
             from distributed import Client, KilledWorker
         except ImportError as error:
-            raise RuntimeError("CAGESDF_DASK is set, but Dask is not installed: pip install 'cagesdf[dask]'") from error
+            raise WorkerError("CAGESDF_DASK is set, but Dask is not installed: pip install 'cagesdf[dask]'") from error
         try:
             client = Client(self.address, timeout=WORKER, set_as_default=False)
             client.wait_for_workers(1, timeout=WORKER)
         except (OSError, TimeoutError, ValueError) as error:
-            raise RuntimeError(
+            raise WorkerError(
                 f"CAGESDF_DASK={self.address}: no scheduler with a worker there ({error}); see docs/cluster.md"
             ) from error
         with client:
@@ -133,7 +135,7 @@ class DaskProcesses:
                 except KilledWorker as error:
                     result = Died(str(error))
                 except CancelledError as error:
-                    raise RuntimeError(
+                    raise WorkerError(
                         f"CAGESDF_DASK={self.address}: lost the scheduler; run the stage again"
                     ) from error
                 yield numbers[future.key], result
@@ -151,7 +153,7 @@ class DaskProcesses:
             if done or client.nthreads():
                 seen = time.monotonic()
             elif time.monotonic() > seen + WORKER:
-                raise RuntimeError(
+                raise WorkerError(
                     f"CAGESDF_DASK={self.address}: no worker for {WORKER} s; start workers, then run the stage again"
                 )
             if not done:
@@ -169,10 +171,10 @@ class _Function:
     def __call__(self, item: Any) -> Any:
         # Only now: an exception here would be the item's, which is how one reaches the stage.
         if _first_digest() != self.digest:
-            raise RuntimeError("a Dask worker was started with other code than this stage's; restart the workers")
+            raise WorkerError("a Dask worker was started with other code than this stage's; restart the workers")
         if Path.cwd() != self.folder:
             if not self.folder.is_dir():
-                raise RuntimeError(f"{self.folder}: a Dask worker has no such folder; wanted a shared file system")
+                raise WorkerError(f"{self.folder}: a Dask worker has no such folder; wanted a shared file system")
             os.chdir(self.folder)
         return _loaded(self.stored)(item)
 
@@ -198,8 +200,9 @@ def _loaded(stored: bytes | Path) -> Callable[[Any], Any]:
 
 
 def _call_stored(stored: Path, seconds: float, item: Any) -> Any:
+    function = _loaded(stored)  # what it imports is not the item's time
     with _watched(seconds):
-        return _loaded(stored)(item)
+        return function(item)
 
 
 def _call_function(item: Any, function: _Function, seconds: float) -> Any:

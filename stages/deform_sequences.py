@@ -11,7 +11,7 @@ import numpy as np
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import ProgramPath, cuboid_path, deform_shape, make_sequence, share_outside
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.io.cuboids import read_assemblies, read_cages
 from cagesdf.io.matches import read_matches
 from cagesdf.io.rejected import write_rejected
@@ -58,4 +58,4 @@ def lost(match: Match, reason: str) -> ShapeRejected:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

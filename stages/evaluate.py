@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cagesdf.cuboid import Sequence
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
@@ -21,8 +21,8 @@ from pipeline import EvaluateParams, artefact, item_rng, parallel_map, run_stage
 
 
 def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: EvaluateParams) -> None:
-    """Read all `meshes/`, `shapes/` and `sequences/` of a category, write `scores/`: one row a surface and seed."""
-    arms = artefact.inside(meshes, "meshes")
+    """Read each arm's `meshes/`, `shapes/` and `sequences/`, write `scores/`: one row a surface and seed."""
+    arms = artefact.inside(meshes, params.arms, "meshes", params.format)
     inputs = {"shapes": shapes, "sequences": sequences}
     manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
     with artefact.write("scores", out, inputs=inputs, params=params, foreign=manifests) as folder:
@@ -59,4 +59,4 @@ def score_surfaces(
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
 from cagesdf.evaluation.trials import Trial
@@ -25,7 +25,7 @@ Surfaces = dict[tuple[str, str], Mesh]  # by arm and trial
 
 def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:
     """Read the runs of a category and `trials/`, write `edits/`; an arm that has no cuboids to edit gets no row."""
-    folders = artefact.inside(runs, "run")
+    folders = artefact.inside(runs, params.arms, "run", params.format)
     manifests = {arm: folder / artefact.MANIFEST for arm, folder in folders.items()}
     with artefact.write("edits", out, inputs={"trials": trials}, params=params, foreign=manifests) as folder:
         arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).params["points_of"] == "cage"}
@@ -76,4 +76,4 @@ def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

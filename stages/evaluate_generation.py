@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds
 from cagesdf.evaluation.generation import (
     FIGURES,
@@ -34,6 +34,8 @@ from cagesdf.io.generation import write_generation
 from cagesdf.training.features import classify
 from pipeline import GenerationParams, artefact, item_rng, parallel_map, run_stage
 
+Key = tuple[str, str, int]  # arm, method, draw
+
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -47,13 +49,19 @@ class Task:
     reference: Described  # none of the shapes among them
     draws: Sequence[Draw]  # of these
 
+    @property
+    def key(self) -> Key:
+        """Its name."""
+        return self.arm, self.method, self.draw
+
 
 def main(generated: Path, clouds: Path, features: Path, out: Path, params: GenerationParams) -> None:
-    """Read the shapes of all arms, `clouds/` and `features/`, write `generation/`.
+    """Read the shapes of all generators, `clouds/` and `features/`, write `generation/`.
 
     There are no figures where there are fewer than four references: own data with hardly any validation shapes.
+    Draws are as large as the smallest method that has two shapes or more; one with fewer has a row, too.
     """
-    arms = artefact.inside(generated, "generated")
+    arms = artefact.inside(generated, params.generators, "generated", params.format)
     manifests = {name: folder / artefact.MANIFEST for name, folder in arms.items()}
     inputs = {"clouds": clouds, "features": features}
     with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:
@@ -65,18 +73,21 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
             for method in own.methods
         }
         train, reference = (real(classifier, clouds.name, params, sets[name]) for name in ("train", "reference"))
-        size = min([len(reference[0]) // 2, *(len(shapes) for shapes, _ in made.values())])
+        size = min([len(reference[0]) // 2, *(len(own) for own, _ in made.values() if len(own) > 1)])
         draws = drawn(reference[0], size, params.draws, item_rng(params.seed, "draws")) if size > 1 else []
         tasks = list(tasks_of(made, train, reference, draws, params)) if draws else []
-        scored, _ = parallel_map(
+        done, rejected = parallel_map(
             partial(score_one, train[0]), tasks, rejects=ShapeRejected, label="evaluate_generation"
         )
-        rows = [row_of(task, found.figures) for task, found in zip(tasks, scored)]
+        for rejection in rejected:  # every set has a row
+            raise rejection
+        scored = dict(done)
+        rows = [row_of(task, scored[task.key].figures) for task in tasks]
         nearest = [
             row
-            for task, found in zip(tasks, scored)
+            for task in tasks
             if task.arm != REAL
-            for row in nearest_rows(task, found, list(shapes[task.arm].points(task.method)), sets["train"])
+            for row in nearest_rows(task, scored[task.key], shapes[task.arm].ids(task.method), sets["train"])
         ]
         if draws:
             rows.append(halves(reference[0], item_rng(params.seed, "halves")))
@@ -94,19 +105,24 @@ def described(
 ) -> tuple[Described, float]:
     """Shapes with their features, and the share of them that is recognised."""
     features, classes = classify(classifier.model, classifier.taken(points))
-    right = [classifier.category(int(number)) == category for number in classes] & ~failed
+    right = np.array([classifier.category(int(number)) == category for number in classes], bool) & ~failed
     known = category in classifier.categories
-    return Described(points[:, : params.points], features, failed), float(right.mean()) if known else np.nan
+    return Described(points[:, : params.points], features, failed), _share(right, 0.0) if known else np.nan
+
+
+def _share(values: Bool[ndarray, " n"], worst: float) -> float:
+    """How many are true, as a share; the worst there is where there is none."""
+    return float(values.mean()) if len(values) else worst
 
 
 def stacked(
     points: Mapping[str, Float[ndarray, "m 3"]], least: int
 ) -> tuple[Float[ndarray, "n p 3"], Bool[ndarray, " n"]]:
     """Clouds as one array, and which failed: those without points, of which all, `least` or more, are at the origin."""
-    failed = np.array([len(cloud) == 0 for cloud in points.values()])
+    failed = np.array([len(cloud) == 0 for cloud in points.values()], bool)
     count = max([least, *map(len, points.values())])
     clouds = [cloud if len(cloud) else np.zeros((count, 3), np.float32) for cloud in points.values()]
-    return np.stack(clouds), failed
+    return np.stack(clouds) if clouds else np.zeros((0, count, 3), np.float32), failed
 
 
 def real(classifier: Features, category: str, params: GenerationParams, clouds: Clouds) -> tuple[Described, float]:
@@ -137,15 +153,15 @@ def tasks_of(
         yield Task(REAL, "drawn", number, shapes, reference[1], reference[0].of(others), rest)
 
 
-def score_one(train: Described, task: Task) -> Scored:
-    """The figures of one set."""
-    return score(task.shapes, train, task.reference, task.draws)
+def score_one(train: Described, task: Task) -> tuple[Key, Scored]:
+    """The figures of one set, by its key."""
+    return task.key, score(task.shapes, train, task.reference, task.draws)
 
 
 def row_of(task: Task, figures: dict[str, float]) -> dict[str, Any]:
     """A row of the table."""
     key = {"arm": task.arm, "method": task.method, "draw": task.draw, "shapes": len(task.shapes)}
-    return {**key, "failed": float(task.shapes.failed.mean()), "recognised": task.recognised, **figures}
+    return {**key, "failed": _share(task.shapes.failed, 1.0), "recognised": task.recognised, **figures}
 
 
 def nearest_rows(task: Task, found: Scored, ids: Sequence[str], train: Clouds) -> Iterator[dict[str, Any]]:
@@ -178,4 +194,4 @@ def sizes(sets: dict[str, Clouds], size: int, points: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

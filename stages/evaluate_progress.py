@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
 from cagesdf.evaluation.tables import PROGRESS
 from cagesdf.extraction import FIELDS, OUTSIDES, OVERLAPS, extract_surface
@@ -22,7 +22,7 @@ from pipeline import ProgressParams, artefact, draw, item_rng, parallel_map, run
 
 def main(runs: Path, shapes: Path, out: Path, params: ProgressParams) -> None:
     """Read the runs of all arms with their snapshots and `shapes/`, write `progress/`."""
-    arms = artefact.inside(runs, "run")
+    arms = artefact.inside(runs, params.arms, "run", params.format)
     manifests = {arm: folder / artefact.MANIFEST for arm, folder in arms.items()}
     with artefact.write("progress", out, inputs={"shapes": shapes}, foreign=manifests, params=params) as folder:
         todo = [
@@ -75,4 +75,4 @@ def surface(run: Run, shape_id: str, step: int, params: ProgressParams) -> Measu
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import torch
 
+from cagesdf.errors import InputError
 from cagesdf.extraction import FIELDS, LOOSE, METHODS, OUTSIDES, OVERLAPS, extract
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.runs import Run, read_run
@@ -58,4 +59,4 @@ def surface_of(run: Run, params: ExtractParams, item: tuple[str, int]) -> Surfac
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

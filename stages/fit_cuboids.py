@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
@@ -58,4 +58,4 @@ def summary(fitted: Iterable[FittedCage]) -> str:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 
+from cagesdf.errors import InputError
 from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
 from cagesdf.generating import (
     STABILITIES,
@@ -20,6 +21,7 @@ from cagesdf.generating import (
     counts,
     draw_cages,
     has_cuboids,
+    in_order,
     make_shape,
     methods_of,
     orders,
@@ -41,7 +43,12 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
         samples, drawn = cages(trained, programs, params)
         tau = None if params.tau == "likelihood" else params.tau
         sources = {method: code_source(trained, method, tau) for method in methods_of(trained)}
-        todo = orders(drawn, sources, params.seed, partial(item_rng, params.seed, "code"), params.temperature)
+        rng_of = partial(item_rng, params.seed, "code")
+        todo = [
+            order
+            for method, source in sources.items()
+            for order in orders(drawn, method, source, params.seed, rng_of, params.temperature)
+        ]
         outside, overlap, loose = OUTSIDES[params.outside], OVERLAPS[params.overlap], LOOSE[params.loose]
         how = Extracting(params.resolution, outside, overlap, loose, params.points, STABILITIES[params.stability])
 
@@ -54,7 +61,7 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
             "methods": {name: source.about() for name, source in sources.items()},
         }
         with ThreadPoolExecutor(workers()) as pool:
-            made = iter(progress(pool.map(make, todo), len(todo), "generate"))
+            made = iter(progress(in_order(pool, make, todo, 2 * workers()), len(todo), "generate"))
             rows = write_generated(folder, made, about)
         for name in sources:
             print(f"{out.name}, {name}: {summary([row for row in rows if row['method'] == name], about, name)}")
@@ -76,6 +83,7 @@ def summary(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any], method:
     text += f", {found['empty']} empty, {found['broken']} broken"
     if "rooted" in found:
         text += f"; {found['rooted']} rooted, {found['stable']} stable"
+        text += f"; {found['floating']} cuboids in mid-air left out"
     if about["drawn"]:
         text += f"; {about['drawn'] - found['shapes']} of {about['drawn']} draws discarded"
     known = about["methods"][method]
@@ -90,4 +98,4 @@ def summary(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any], method:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

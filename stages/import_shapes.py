@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from cagesdf.audit import with_outliers
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import ShapeSource, list_shapes, read_shape
 from cagesdf.importing import import_shape, summary
 from cagesdf.io.rejected import write_rejected
@@ -17,8 +17,19 @@ from pipeline import ImportParams, artefact, parallel_map, run_stage
 
 
 def main(raw: Path, out: Path, params: ImportParams) -> None:
-    """Read a folder of shapes, write `shapes/`, print what became of each."""
-    sources = list_shapes(raw, params.include)
+    """Read a folder of shapes, write `shapes/`, print what is no shape and what became of each that is.
+
+    Raises InputError if there is no shape to train on, or more than the share `max_rejected` of them was rejected.
+    """
+    listing = list_shapes(raw, params.include)
+    sources = listing.shapes
+    for note in listing.notes:
+        print(note)
+    held_out = sum(source.split == "val" for source in sources)
+    if held_out == len(sources):
+        unused = f"{raw}: all {held_out:,} shapes are held out, none is trained on"
+        raise InputError("; ".join([unused, *listing.notes]))
+    print(f"{len(sources) - held_out:,} shapes to train on, {held_out:,} held out for validation")
     with artefact.write("shapes", out, inputs={}, params=params, foreign={"raw": raw}) as folder:
         shapes, rejected = parallel_map(
             partial(import_one, params), sources, rejects=ShapeRejected, label="import_shapes", lost=lost
@@ -42,4 +53,4 @@ def lost(source: ShapeSource, reason: str) -> ShapeRejected:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -5,7 +5,8 @@ The references are the validation shapes and, where there are recipes, freshly d
 python -m stages.make_clouds data/raw/chair data/shapes/chair data/clouds/chair
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -13,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds, cloud_of, label_of, recipe_parts
-from cagesdf.io.clouds import write_clouds
+from cagesdf.io.clouds import SETS, write_clouds
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.synthesis.dataset import draw_recipes
 from cagesdf.synthesis.recipe import Recipe
@@ -23,21 +24,45 @@ from cagesdf.synthesis.writing import read_recipes
 from pipeline import CloudsParams, artefact, item_rng, parallel_map, run_stage
 
 
+@dataclass(frozen=True)
+class Subject:
+    """A shape that is to become a cloud."""
+
+    set: str  # one of SETS
+    shape_id: str  # unique in its set
+    label: str  # of the recipe that it is from, "" where there is none
+    recipe: Recipe | None  # of a drawn shape; None: it is an imported one
+
+
 def main(raw: Path, shapes: Path, out: Path, params: CloudsParams) -> None:
-    """Read `shapes/` and the recipes in `raw`, write `clouds/`; without recipes the references are the validation's."""
+    """Read `shapes/` and the recipes in `raw`, write `clouds/`; without recipes the references are the validation's.
+
+    A shape that kills its process is left out and named.
+    """
     with artefact.write("clouds", out, inputs={"shapes": shapes}, foreign={"raw": raw}, params=params) as folder:
-        source, recipes = read_shapes(shapes), read_recipes(raw)
-        drawn = fresh(recipes, params)
-        train, val = source.ids_of("train"), source.ids_of("val")
-        sample = partial(points_of, source, params)
-        points, _ = parallel_map(sample, [*train, *val, *drawn], rejects=ShapeRejected, label="make_clouds")
-        labels = [label_of(recipes[i]) if i in recipes else "" for i in (*train, *val)] + [label_of(r) for r in drawn]
-        ids = [*train, *val, *(FRESH + recipe.shape_id for recipe in drawn)]
-        sets = {"train": slice(len(train)), "reference": slice(len(train), None)}
-        stacked = np.stack(points)
-        clouds = {name: Clouds(tuple(ids[part]), tuple(labels[part]), stacked[part]) for name, part in sets.items()}
+        source = read_shapes(shapes)
+        subjects = subjects_of(source, read_recipes(raw), params)
+        sample = partial(sampled, source, params)
+        done, rejected = parallel_map(sample, subjects, rejects=ShapeRejected, label="make_clouds", lost=lost)
+        clouds = {name: stacked(done, name, params.points) for name in SETS}
+        if not len(clouds["train"]):
+            raise InputError(f"{shapes}: none of its training shapes became a cloud" + "".join(map(said, rejected)))
         write_clouds(folder, clouds)
-        print(f"{len(train)} training shapes; {len(val)} validation shapes and {len(drawn)} drawn ones for reference")
+        references = [subject.recipe is not None for subject, _ in done if subject.set == "reference"]
+        print(
+            f"{len(clouds['train'])} training shapes; {references.count(False)} validation shapes and "
+            f"{references.count(True)} drawn ones for reference" + "".join(map(said, rejected))
+        )
+
+
+def subjects_of(source: ShapeFolder, recipes: Mapping[str, Recipe], params: CloudsParams) -> list[Subject]:
+    """All training shapes, then all references."""
+    imported = [("train", shape_id) for shape_id in source.ids_of("train")]
+    imported += [("reference", shape_id) for shape_id in source.ids_of("val")]
+    labels = {shape_id: label_of(recipe) for shape_id, recipe in recipes.items()}
+    return [Subject(name, shape_id, labels.get(shape_id, ""), None) for name, shape_id in imported] + [
+        Subject("reference", FRESH + recipe.shape_id, label_of(recipe), recipe) for recipe in fresh(recipes, params)
+    ]
 
 
 def fresh(recipes: Mapping[str, Recipe], params: CloudsParams) -> list[Recipe]:
@@ -50,14 +75,35 @@ def fresh(recipes: Mapping[str, Recipe], params: CloudsParams) -> list[Recipe]:
     ]
 
 
-def points_of(source: ShapeFolder, params: CloudsParams, item: str | Recipe) -> Float[ndarray, "p 3"]:
-    """The cloud of an imported shape, by its id, or of a recipe's."""
-    if isinstance(item, Recipe):
-        rng = item_rng(params.seed, "drawn", item.shape_id)
-        return cloud_of(recipe_parts(item, item), params.points, rng)
-    rng = item_rng(params.seed, "imported", item)
-    return cloud_of([part.mesh for part in source.read(item).parts], params.points, rng)
+def sampled(source: ShapeFolder, params: CloudsParams, subject: Subject) -> tuple[Subject, Float[ndarray, "p 3"]]:
+    """A shape with its cloud."""
+    recipe = subject.recipe
+    if recipe is not None:
+        rng = item_rng(params.seed, "drawn", recipe.shape_id)
+        return subject, cloud_of(recipe_parts(recipe, recipe), params.points, rng)
+    rng = item_rng(params.seed, "imported", subject.shape_id)
+    return subject, cloud_of([part.mesh for part in source.read(subject.shape_id).parts], params.points, rng)
+
+
+def stacked(done: Iterable[tuple[Subject, Float[ndarray, "p 3"]]], name: str, points: int) -> Clouds:
+    """The clouds of one set, of `points` points each."""
+    rows = [(subject, cloud) for subject, cloud in done if subject.set == name]
+    return Clouds(
+        tuple(subject.shape_id for subject, _ in rows),
+        tuple(subject.label for subject, _ in rows),
+        np.array([cloud for _, cloud in rows], np.float32).reshape(-1, points, 3),
+    )
+
+
+def lost(subject: Subject, reason: str) -> ShapeRejected:
+    """What becomes of a shape that kills its worker."""
+    return ShapeRejected(subject.shape_id, "make_clouds", reason)
+
+
+def said(rejected: ShapeRejected) -> str:
+    """A rejected shape and why, to end a line with."""
+    return f"; left out: {rejected.shape_id}, {rejected.reason}"
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

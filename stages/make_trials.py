@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cagesdf.cuboid import Sequence
 from cagesdf.deformation import deform_shape
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
 from cagesdf.evaluation.swaps import box_warp, swap_trial, swaps_of
@@ -95,4 +95,4 @@ def measured(trial: Trial, surfaces: Mapping[str, Mesh], params: TrialsParams) -
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

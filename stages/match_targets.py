@@ -5,7 +5,7 @@ python -m stages.match_targets data/shapes/chair data/cuboids/chair data/matches
 
 from pathlib import Path
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.io.cuboids import read_cages
 from cagesdf.io.matches import write_matches
 from cagesdf.io.rejected import write_rejected
@@ -35,4 +35,4 @@ def main(shapes: Path, cuboids: Path, out: Path, params: MatchParams) -> None:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

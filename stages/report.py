@@ -7,6 +7,7 @@ python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboi
 import json
 from pathlib import Path
 
+from cagesdf.errors import InputError
 from cagesdf.evaluation.table3 import gather_generation
 from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 from cagesdf.io.edits import read_edits
@@ -36,28 +37,36 @@ def main(
     out: Path,
     params: ReportParams,
 ) -> None:
-    """Read the folders of all categories, write `metrics/tables.json` and `report/index.html`."""
-    names = [folder.name for folder in inside(shapes)]
-    inputs = {
-        folder.relative_to(scores.parent).as_posix(): folder / artefact.MANIFEST
-        for name in names
-        for folder in [
-            scores / name,
-            *inside(meshes / name),
-            *inside(runs / name),
-            edits / name,
-            trials / name,
-            progress / name,
-            *inside(generated / name),
-            generation / name,
-        ]
+    """Read the folders of the categories and arms that are run, write `metrics/tables.json` and `report/index.html`.
+
+    Both are published at the end, so that a failure leaves those of the last run.
+    """
+    names = sorted(params.categories)
+    kinds = {
+        "scores": scores,
+        "shapes": shapes,
+        "cuboids": cuboids,
+        "sequences": sequences,
+        "trials": trials,
+        "edits": edits,
+        "progress": progress,
+        "generation": generation,
     }
+    of_category = {kind: artefact.inside(folder, names, kind, params.format) for kind, folder in kinds.items()}
+    by_arm = {"meshes": (meshes, params.arms), "run": (runs, params.arms), "generated": (generated, params.generators)}
+    of_arm = {
+        (kind, name): artefact.inside(folder / name, arms, kind, params.format)
+        for kind, (folder, arms) in by_arm.items()
+        for name in names
+    }
+    read = [path for paths in (*of_category.values(), *of_arm.values()) for path in paths.values()]
+    inputs = {path.relative_to(scores.parent).as_posix(): path / artefact.MANIFEST for path in read}
     tables = gather_tables({name: read_scores(scores / name) for name in names})
     tables["edits"] = gather_edits(
         {name: [read_edits(file) for file in edited(edits / name, trials / name)] for name in names},
-        {name: [folder.name for folder in inside(runs / name)] for name in names},
+        {name: list(of_arm["run", name]) for name in names},
     )
-    tables["progress"] = gather_progress({name: read_progress(progress / name) for name in names}, params.rates)
+    tables["progress"] = gather_progress({name: read_progress(progress / name) for name in names})
     tables["table3"] = gather_generation({name: read_generation(generation / name) for name in names})
     tables["trials"] = {name: read_trials(trials / name).counts() for name in names}
     categories = [
@@ -66,10 +75,10 @@ def main(
             cuboids / name,
             sequences / name,
             trials / name,
-            {folder.name: folder for folder in inside(meshes / name)},
-            {folder.name: folder for folder in inside(runs / name)},
+            of_arm["meshes", name],
+            of_arm["run", name],
             edits / name,
-            {folder.name: folder for folder in inside(generated / name)},
+            of_arm["generated", name],
             generation / name,
             params.shapes,
             params.generated,
@@ -77,11 +86,13 @@ def main(
         for name in names
     ]
     tables["cuboids"] = {category.name: category.bounding for category in categories}
-    with artefact.write("metrics", metrics, inputs={}, foreign=inputs, params=params) as folder:
+    with (
+        artefact.write("metrics", metrics, inputs={}, foreign=inputs, params=params) as figures,
+        artefact.write("report", out, inputs={}, foreign=inputs, params=params) as page,
+    ):
         text = json.dumps(tables, indent=1, sort_keys=True)
-        (folder / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")
-    with artefact.write("report", out, inputs={}, foreign=inputs, params=params) as folder:
-        write_page(folder / "index.html", tables, categories, params.image_size, workers())
+        (figures / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+        write_page(page / "index.html", tables, categories, params.image_size, workers())
 
 
 def edited(edits: Path, trials: Path) -> tuple[Path, Path]:
@@ -89,10 +100,5 @@ def edited(edits: Path, trials: Path) -> tuple[Path, Path]:
     return edits / "edits.parquet", trials / "references.parquet"
 
 
-def inside(folder: Path) -> list[Path]:
-    """The artefacts in a folder, sorted by name."""
-    return sorted(item for item in folder.glob("*") if (item / artefact.MANIFEST).is_file())
-
-
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

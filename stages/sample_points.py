@@ -11,7 +11,7 @@ import numpy as np
 from cagesdf.cuboid import Sequence
 from cagesdf.deformation import deform_shape
 from cagesdf.distance import SurfaceDistance
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.points import CHUNK, PointChunks, join_chunks, write_shard
 from cagesdf.io.rejected import write_rejected
@@ -74,4 +74,4 @@ def facts(params: SampleParams) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -6,7 +6,7 @@ python -m stages.synthesize chair data/raw/chair
 from functools import partial
 from pathlib import Path
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.synthesis.dataset import draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import write_shape, write_splits
@@ -28,4 +28,4 @@ def write_one(folder: Path, params: SynthesizeParams, recipe: Recipe) -> None:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

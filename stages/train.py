@@ -12,6 +12,7 @@ from pathlib import Path
 
 import torch
 
+from cagesdf.errors import InputError
 from cagesdf.io.cuboids import read_assemblies
 from cagesdf.io.points import CHUNK
 from cagesdf.io.residuals import write_residuals
@@ -145,4 +146,4 @@ def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints, r
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

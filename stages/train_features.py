@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.errors import ShapeRejected
+from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.io.features import Features, read_features, write_features
 from cagesdf.models.pointnet import make_classifier
@@ -37,22 +37,36 @@ def main(out: Path, params: FeaturesParams) -> None:
 
 
 def drawn(name: str, count: int, params: FeaturesParams) -> Clouds:
-    """`count` shapes of each procedural category."""
+    """`count` shapes of each procedural category; those that kill their process are left out and named."""
     recipes = [
         recipe
         for category in CATEGORIES
         for recipe in draw_recipes(category, count, 0, item_rng(params.seed, name, category))
     ]
-    points, _ = parallel_map(
-        partial(points_of, name, params), recipes, rejects=ShapeRejected, label=f"train_features, shapes: {name}"
+    label = f"train_features, shapes: {name}"
+    done, rejected = parallel_map(
+        partial(sampled, name, params), recipes, rejects=ShapeRejected, label=label, lost=lost
     )
-    return Clouds(tuple(r.shape_id for r in recipes), tuple(label_of(r) for r in recipes), np.stack(points))
+    if not done:
+        raise InputError(f"train_features: none of {len(recipes)} {name} shapes became a cloud; {rejected[0]}")
+    for rejection in rejected:
+        print(f"left out: {rejection}")
+    return Clouds(
+        tuple(recipe.shape_id for recipe, _ in done),
+        tuple(label_of(recipe) for recipe, _ in done),
+        np.stack([points for _, points in done]),
+    )
 
 
-def points_of(name: str, params: FeaturesParams, recipe: Recipe) -> Float[ndarray, "p 3"]:
-    """The cloud of a recipe."""
+def sampled(name: str, params: FeaturesParams, recipe: Recipe) -> tuple[Recipe, Float[ndarray, "p 3"]]:
+    """A recipe with its cloud."""
     rng = item_rng(params.seed, name, "points", recipe.shape_id)
-    return cloud_of(recipe_parts(recipe, recipe), params.points, rng)
+    return recipe, cloud_of(recipe_parts(recipe, recipe), params.points, rng)
+
+
+def lost(recipe: Recipe, reason: str) -> ShapeRejected:
+    """What becomes of a shape that kills its worker."""
+    return ShapeRejected(recipe.shape_id, "train_features", reason)
 
 
 def trained(clouds: Clouds, params: FeaturesParams) -> Features:
@@ -87,4 +101,4 @@ def told(accuracy: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from cagesdf.cuboid import Cage
-from cagesdf.errors import ProgramError, ShapeRejected
+from cagesdf.errors import InputError, ProgramError, ShapeRejected
 from cagesdf.generation.checks import Figures, rebuilding_figures, sample_figures
 from cagesdf.generation.novelty import reach_of
 from cagesdf.generation.programs import ProgramGenerator
@@ -90,7 +90,8 @@ def summary(figures: Figures) -> str:
     return (
         f"{rebuilt}of {figures['drawn']:.0f} samples {figures['valid']:.0f} valid, {figures['copies']:.0f} copies, "
         f"{figures['new_cages']:.0f} new cages {figures['difference']:.3f} from the nearest, "
-        f"{figures['new_structures']:.0f} of new structure; {figures['structures']:.0f} structures"
+        f"{figures['new_structures']:.0f} of new structure; {figures['structures']:.0f} structures; "
+        f"{figures['floating']:.0f} cuboids in mid-air left out"
     )
 
 
@@ -100,4 +101,4 @@ def reasons(failures: Mapping[str, int]) -> str:
 
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, InputError)

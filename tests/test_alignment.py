@@ -195,7 +195,7 @@ def test_no_mesh_with_faces_at_all_is_an_error() -> None:
 def test_a_shape_with_a_program_is_imported_with_its_leaves_as_parts_and_stored(tmp_path: Path) -> None:
     recipe = furniture(2)[0]
     write_shape(tmp_path / "raw", recipe, 0.0, np.random.default_rng(0))
-    raw = read_shape(list_shapes(tmp_path / "raw", "*")[0])
+    raw = read_shape(*list_shapes(tmp_path / "raw", "*"))
     found = assemble(recipe)
     assert found is not None
     labels = draw(recipe).structure.labels()

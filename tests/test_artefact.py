@@ -118,3 +118,15 @@ def test_the_digest_of_a_folder_sees_names_and_bytes(tmp_path: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
         digests.add(artefact.digest_tree(folder))
     assert len(digests) == 3
+
+
+def test_a_digest_covers_files_behind_links_and_ends_where_these_go_round(tmp_path: Path) -> None:
+    for name in ("data/a", "elsewhere"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "elsewhere" / "seat.obj").write_text("v 0 0 0\n")
+    (tmp_path / "data" / "b").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "data" / "a" / "round").symlink_to(tmp_path / "data")
+    before = artefact.digest_tree(tmp_path / "data")
+    assert before == artefact.digest_tree(tmp_path / "data")
+    (tmp_path / "elsewhere" / "seat.obj").write_text("v 1 0 0\n")
+    assert artefact.digest_tree(tmp_path / "data") != before

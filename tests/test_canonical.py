@@ -1,8 +1,10 @@
 """Which programs count as equal: names and order don't matter to the canonical signature, all else does."""
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, permutations
+from typing import Any
 
 import numpy as np
 import programs
@@ -10,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cagesdf.errors import ProgramError
+from cagesdf.structure import canonical
 from cagesdf.structure.canonical import (
     canonical_signature,
     exact_signature,
@@ -20,6 +24,7 @@ from cagesdf.structure.canonical import (
 from cagesdf.structure.parsing import parse
 from cagesdf.structure.program import (
     BBOX,
+    MAX_CUBOIDS,
     AssemblyProgram,
     Attach,
     Block,
@@ -195,3 +200,45 @@ def test_deep_and_wide_programs_are_signed_in_time() -> None:
     slats = tuple(Declare(f"s{i}", (1.0, 1.0, 1.0), True) for i in range(60))
     canonical_signature(AssemblyProgram((Block("P", (1.0, 1.0, 1.0), slats),)))
     assert time.process_time() - start < 10
+
+
+@settings(deadline=None, max_examples=40)
+@given(programs.program_texts(), st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_cuboids_that_are_interchangeable_get_the_names_they_would_get_one_by_one(
+    text: str, seed: int, times: int
+) -> None:
+    """Programs with some statements said several times over, of new cuboids."""
+    rng, program = np.random.default_rng(seed), parse(text)
+    blocks = []
+    for block in program.blocks:
+        leaves = [s for s in block.statements if isinstance(s, Declare) and program.block(s.name) is None]
+        twins = [s for i, s in enumerate(leaves) if i in rng.integers(0, len(leaves), 2)] if leaves else []
+        said: list[Statement] = []
+        for statement in block.statements:
+            said.append(statement)
+            for twin in twins:
+                if statement == twin:
+                    said += [replace(twin, name=f"{twin.name}_twin{i}") for i in range(times)]
+                elif isinstance(statement, Attach) and statement.a == twin.name:
+                    said += [replace(statement, a=f"{twin.name}_twin{i}") for i in range(times)]
+        copies = [s for s in said if isinstance(s, Reflect | Translate)]
+        blocks.append(replace(block, statements=tuple(s for s in said if s not in copies)))
+    with suppress(ProgramError):
+        doubled = AssemblyProgram(tuple(blocks))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(canonical, "_interchangeable", lambda facts, names: False)
+            one_by_one = canonical_signature(doubled)
+        assert canonical_signature(doubled) == one_by_one
+
+
+def test_a_block_full_of_cuboids_that_nothing_tells_apart_takes_a_few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    rounds, refined = [0], canonical._refined
+
+    def counted(*arguments: Any) -> dict[str, int]:
+        rounds[0] += 1
+        return refined(*arguments)
+
+    monkeypatch.setattr(canonical, "_refined", counted)
+    cuboids = [Declare(f"c{i}", (1.0, 1.0, 1.0), True) for i in range(MAX_CUBOIDS)]
+    canonical_signature(AssemblyProgram((Block("A", (1.0, 1.0, 1.0), tuple(cuboids)),)))
+    assert rounds[0] == 2

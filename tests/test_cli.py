@@ -289,6 +289,15 @@ def test_signatures_say_which_programs_are_equal_and_the_summary_counts_them(com
     assert summary[3].endswith("2 (66.7%)")
 
 
+def test_a_defect_is_no_line_but_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
+    def defect(*arguments: object, **options: object) -> None:
+        raise ValueError("an index nobody thought of")
+
+    monkeypatch.setattr(cli, "app", defect)
+    with pytest.raises(ValueError, match="nobody thought of"):
+        cli.run()
+
+
 def test_a_reader_that_stops_early_gets_no_traceback(tmp_path: Path) -> None:
     for i in range(300):
         write_program(tmp_path / f"{i}.txt")

@@ -1,6 +1,8 @@
 """`cagesdf generate` as a user meets it."""
 
 import json
+import weakref
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +12,16 @@ import test_stage_generate
 import trimesh
 from PIL import Image
 from test_cli import Command
+from test_generating import Instant
 
 from cagesdf import rendering
+from cagesdf.cli import generating
+from cagesdf.generating import Order
+from cagesdf.io.generated import GeneratedShape
 from cagesdf.io.meshes import read_ply
+from cagesdf.io.runs import Run, read_run
 from cagesdf.meshes import is_closed
+from cagesdf.solid import cage_surface
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.parsing import read_program
@@ -32,6 +40,17 @@ def run(tmp_path: Path) -> Path:
     """As the pipeline leaves it: data/runs/stool/full and data/programs/stool."""
     test_stage_generate.write_programs(tmp_path / "data" / "programs" / "stool")
     return test_stage_generate.write_arm(tmp_path / "data" / "runs" / "stool" / "full", -0.05)
+
+
+def read_shape(run: Path) -> GeneratedShape:
+    """One of a run's shapes, as the stage makes it."""
+    trained = read_run(run)
+    cage = trained.sequences["stool_0"].cages[0]
+    mesh = cage_surface(cage)
+    return GeneratedShape(
+        "", "", 0, 0, trained.structures["stool_0"], cage, 0, np.zeros(2, np.float32), 1.0, "ok", mesh, 1, 0.0, 1,
+        rooted=True, stable=True, points=mesh.vertices.astype(np.float32),
+    )  # fmt: skip
 
 
 def lines(out: Path) -> list[dict]:
@@ -66,6 +85,16 @@ def test_a_seed_gives_the_same_shapes_again_and_another_one_others(command: Comm
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
     assert lines(tmp_path / "a")[0]["cuboids"] != lines(tmp_path / "c")[0]["cuboids"]
+
+
+def test_a_temperature_of_0_gives_the_mean_cuboids_and_styles_of_training_shapes(
+    command: Command, run: Path, tmp_path: Path
+) -> None:
+    command("generate", run, "--count", 3, "--out", tmp_path / "new", "--resolution", 8, "--temperature", 0)
+    entries = lines(tmp_path / "new")
+    assert len({tuple(map(tuple, entry["cuboids"])) for entry in entries}) == 1
+    known = {tuple(code) for code in read_run(run).latents.values.tolist()}
+    assert {tuple(entry["latent"]) for entry in entries} <= known
 
 
 def test_a_given_program_needs_no_generator_and_all_shapes_have_its_cuboids(command: Command, tmp_path: Path) -> None:
@@ -112,5 +141,43 @@ def test_nothing_is_written_where_something_is_wrong(command: Command, run: Path
     assert "are looked for in" in command.complaint("generate", alone, "--out", out)
     (run.parent.parent.parent / "programs" / "stool" / "generator.json").write_text("{", encoding="utf-8")
     assert "is damaged" in command.complaint("generate", run, "--out", out)
+    assert not list(tmp_path.glob("*new*"))
+    assert not list(tmp_path.glob(".partial*"))
+
+
+def test_meshes_are_let_go_as_they_are_written(
+    command: Command, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Counted, not timed: shapes are made at once, and those alive are counted as each is written."""
+    alive: weakref.WeakSet[GeneratedShape] = weakref.WeakSet()
+    most, model = [0], read_shape(run)
+
+    def make(_: Run, how: object, rng: object, order: Order) -> GeneratedShape:
+        shape = replace(model, method=order.method, shape_id=order.shape_id)
+        alive.add(shape)
+        return shape
+
+    def counted(path: Path, _: object) -> None:
+        most[0] = max(most[0], len(alive))
+        path.touch()
+
+    monkeypatch.setenv("CAGESDF_WORKERS", "2")
+    monkeypatch.setattr("cagesdf.generating.make_shape", make)
+    monkeypatch.setattr("cagesdf.io.exports.write_model", counted)
+    monkeypatch.setattr(generating, "ThreadPoolExecutor", lambda workers: Instant())
+    monkeypatch.setattr(generating, "_sheet", lambda path, shapes: path.touch())
+    monkeypatch.setattr(generating, "SHOWN", 3)
+    told = json.loads(command("generate", run, "--count", 30, "--out", tmp_path / "new", "--resolution", 8))
+    assert told["shapes"] == 30
+    assert len(lines(tmp_path / "new")) == 30
+    assert most[0] <= 3 + generating.AHEAD * 2 + 2, "the sheet's, those made ahead, the last and this one"
+
+
+def test_where_no_draw_is_valid_the_reasons_are_told_and_nothing_is_written(
+    command: Command, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cagesdf.generation.proportions.THINNEST", 100.0)
+    complaint = command.complaint("generate", run, "--count", 2, "--out", tmp_path / "new")
+    assert "no draw gave a valid shape (16 times: cuboid shrunk to nothing)" in complaint
     assert not list(tmp_path.glob("*new*"))
     assert not list(tmp_path.glob(".partial*"))

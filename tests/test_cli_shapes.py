@@ -13,7 +13,7 @@ from test_cli import Command
 
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
-from cagesdf.formats.listing import find_shapes
+from cagesdf.formats.listing import find_shape
 from cagesdf.meshes import Mesh
 
 command = test_cli.command  # the fixture
@@ -50,11 +50,24 @@ def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command:
     assert lines[1:] == ["holed: repaired 1 capped of 2 parts", "sound: passed"]
 
 
-def test_check_takes_files_folders_of_parts_and_folders_of_shapes(command: Command, tmp_path: Path) -> None:
+def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command, tmp_path: Path) -> None:
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
-    out = command("check", tmp_path / "one.ply", tmp_path / "all" / "holed", tmp_path / "all" / "sound" / "seat.obj")
-    assert out.splitlines() == ["one: passed", "holed: repaired 1 capped of 2 parts", "seat: passed"]
+    out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
+    assert out.splitlines() == ["one: passed", "seat: passed"]
+    assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
+        "holed: repaired 1 capped of 2 parts",
+        "sound: passed",
+    ]
+
+
+def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: Command, tmp_path: Path) -> None:
+    for name in ("a.ply", "b.stl", "c.off"):
+        write_ply(tmp_path / name, BOX)
+    lines = command("check", tmp_path).splitlines()
+    assert lines[0].startswith("not read: c.off; ")
+    assert lines[1].startswith("each mesh file is a shape; ")
+    assert lines[2:] == ["a: passed", "b: repaired 1 merged of 1 parts"]
 
 
 def test_check_says_each_shape_as_it_is_done(
@@ -90,6 +103,17 @@ def test_all_real_furniture_is_accounted_for(command: Command) -> None:
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real furniture")
 def test_a_partnet_shape_is_one_shape(command: Command) -> None:
     assert command("check", SHARED / "partnet/3763").splitlines() == ["3763: repaired 3 capped of 3 parts"]
+
+
+def test_points_that_are_too_coarse_for_their_place_are_refused(command: Command, tmp_path: Path) -> None:
+    place = np.array([500000.25, 5300000.75, 412.0])
+    toy.write_obj(tmp_path / "seat.obj", BOX.with_vertices(BOX.vertices + place))
+    words = "sdf", tmp_path / "seat.obj", tmp_path / "points.npy", tmp_path / "out.npy"
+    np.save(tmp_path / "points.npy", np.array([[0, 0, 0], [0, 1.5, 0]]) + place)
+    command(*words)
+    np.testing.assert_allclose(np.load(tmp_path / "out.npy"), [-1, 0.5], atol=1e-6)
+    np.save(tmp_path / "points.npy", (np.zeros((1, 3)) + place).astype(np.float32))
+    assert "holds float32, which is 0.5 apart where the shape is" in command.complaint(*words)
 
 
 @pytest.mark.parametrize(("unit", "kind"), [(1.0, "<f8"), (1e-3, "<f4"), (1e4, ">f8"), (1.0, "<f2")])
@@ -199,12 +223,13 @@ def test_sdf_refuses_other_places_shapes_and_names(command: Command, tmp_path: P
     assert not out.exists()
 
 
-def test_meshes_side_by_side_are_one_shape_and_folders_are_shapes(tmp_path: Path) -> None:
+def test_a_folder_of_meshes_is_one_shape_where_one_is_wanted(tmp_path: Path) -> None:
     write_shapes(tmp_path / "all")
-    assert [source.shape_id for source in find_shapes(tmp_path / "all")] == ["bad", "holed", "sound"]
-    (source,) = find_shapes(tmp_path / "all" / "holed")
+    source = find_shape(tmp_path / "all" / "holed")
     assert (source.shape_id, source.path) == ("holed", tmp_path / "all" / "holed")
     (tmp_path / "text.txt").write_text("no mesh")
     for path in ("text.txt", "none"):
         with pytest.raises(InputError, match="wanted one"):
-            find_shapes(tmp_path / path)
+            find_shape(tmp_path / path)
+    with pytest.raises(InputError, match="holds 3 shapes, such as bad; name one"):
+        find_shape(tmp_path / "all")

@@ -12,9 +12,10 @@ import torch
 import trimesh
 from test_cli import FIGURES, PARAMS, SIZE, Command, write_trained
 
-from cagesdf.cuboid import Sequence
+from cagesdf.cuboid import Cuboid, Sequence
 from cagesdf.editing.script import parse
 from cagesdf.editing.session import Session
+from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run, write_run
@@ -22,6 +23,7 @@ from cagesdf.meshes import is_closed, signed_volume
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.assembly import Assembly
+from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import artefact
 
 command, trained = test_cli.command, test_cli.trained  # the fixtures
@@ -91,8 +93,7 @@ def test_every_format_holds_the_same_closed_solid(ending: str, command: Command,
     out = tmp_path / f"out{ending}"
     command("extract", trained, "chair_0001", out, "--resolution", "32")
     scene = trimesh.load_scene(out, split_objects=True, group_material=False)
-    shown = [mesh for name, mesh in scene.geometry.items() if not name.startswith("cuboids/")]
-    solid = trimesh.util.concatenate(shown)
+    solid = scene.to_mesh()
     solid.merge_vertices()
     assert solid.is_watertight
     command("extract", trained, "chair_0001", tmp_path / "ours.ply", "--resolution", "32")
@@ -189,3 +190,78 @@ def test_parts_and_parameters_are_listed_by_the_names_that_scripts_use(command: 
     assert rows["Chair.seat.y"].split()[1] == "0.05"
     assert rows["Side.leg.translate1.span"].split()[1] == "0.9"
     assert "did you mean chair_" in command.complaint("inspect", chairs, "--shape", "chair_0")
+
+
+def build(structure: Any, *frame: float) -> dict[str, Any]:
+    return {"op": "build", "structure": structure.to_json(), "frame": frame}
+
+
+@pytest.mark.parametrize("ending", [".obj", ".glb", ".ply", ".stl"])
+def test_a_shape_far_from_the_origin_is_written_exactly_or_refused(
+    ending: str, command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    structure = read_run(chairs).structures["chair_1"]
+    place = np.array([500000.25, 5300000.86, 412.0])
+    solids = []
+    for name, middle in (("near", np.zeros(3)), ("far", place)):
+        frame = Similarity(1.4, np.eye(3), -1.4 * middle).to_numbers()
+        script, out = write_script(tmp_path, build(structure, *frame)), tmp_path / f"{name}{ending}"
+        words = ("edit", chairs, "chair_1", script, out, "--resolution", "32")
+        if ending == ".stl" and name == "far":
+            assert "write .obj, .ply or .glb" in command.complaint(*words)
+            assert not out.exists()
+            return
+        told = json.loads(command(*words))
+        solid = trimesh.load_scene(out, split_objects=True, group_material=False).to_mesh()
+        solid.apply_translation(-middle)
+        solid.merge_vertices()
+        assert solid.is_watertight
+        assert told["volume"] == pytest.approx(solid.volume, rel=1e-5)
+        assert told["faces"] == len(solid.faces)
+        solids.append(solid)
+    near, far = solids
+    assert far.volume == pytest.approx(near.volume, rel=1e-5)
+    np.testing.assert_allclose(far.bounds, near.bounds, atol=1e-5)
+
+
+def test_cuboids_are_written_on_demand_into_a_file_of_their_own(command: Command, chairs: Path, tmp_path: Path) -> None:
+    out, cuboids = tmp_path / "out.obj", tmp_path / "boxes.obj"
+    command("extract", chairs, "chair_1", out, "--resolution", "32")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.obj", "runs"]
+    surface = out.read_bytes()
+    command("extract", chairs, "chair_1", out, "--resolution", "32", "--cuboids", cuboids)
+    assert out.read_bytes() == surface
+    cage = read_run(chairs).sequences["chair_1"].cages[0]
+    boxes = trimesh.load_scene(cuboids, split_objects=True, group_material=False)
+    assert boxes.to_mesh().volume == pytest.approx(8 * cage.size.prod(axis=1).sum(), rel=1e-5)
+    assert "is the surface's file" in command.complaint("extract", chairs, "chair_1", out, "--cuboids", out)
+    assert "ends in .ply" in command.complaint("extract", chairs, "chair_1", out, "--cuboids", tmp_path / "a.step")
+
+
+@pytest.mark.parametrize(
+    "labels", [("leg", "leg", "leg_1"), ("a", "A", "a_1"), ("x y", "x_y", "x  y"), ("", " ", "\n")]
+)
+def test_every_face_is_in_the_file_under_its_own_part(
+    labels: tuple[str, ...], command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    corners = [[-0.4, -0.4, 0.0], [0.4, -0.4, 0.0], [0.0, 0.4, -0.3], [0.0, 0.0, 0.3]]
+    boxes = [Cuboid(np.array(centre), np.eye(3), np.array([0.15, 0.3, 0.15])) for centre in corners]
+    hierarchy = PartHierarchy.flat(tuple("pqrs"), (*labels, "seat"), "chair").with_cuboids(dict(zip("pqrs", boxes)))
+    script = write_script(tmp_path, {"op": "build", "structure": hierarchy.to_json()})
+    out = tmp_path / "out.obj"
+    told = json.loads(command("edit", chairs, "chair_1", script, out, "--resolution", "64"))
+    groups = read_obj_groups(out)
+    assert len(groups) == 4
+    assert sum(len(mesh.faces) for _, mesh in groups) == told["faces"]
+    for (_, mesh), centre in zip(groups, corners):
+        np.testing.assert_allclose(mesh.vertices.mean(axis=0), centre, atol=0.05)
+    assert groups[3][0] == "seat"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
+def test_scripts_are_read_as_other_systems_write_them(
+    encoding: str, command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "a.json").write_text('[{"op": "undo"}]\r\n', encoding=encoding)
+    complaint = command.complaint("edit", chairs, "chair_1", tmp_path / "a.json", tmp_path / "a.ply")
+    assert complaint.endswith("script: operation 0: undo: there is nothing to take back")

@@ -13,7 +13,7 @@ from cagesdf.errors import InputError
 from cagesdf.evaluation.clouds import FRESH, Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.importing import import_shape
 from cagesdf.io.clouds import CLOUDS, read_clouds, write_clouds
-from cagesdf.io.shapes import write_shapes
+from cagesdf.io.shapes import ShapeFolder, write_shapes
 from cagesdf.shape import RawShape
 from cagesdf.solid import union
 from cagesdf.synthesis.dataset import CATEGORIES, build, draw, draw_recipes
@@ -117,3 +117,59 @@ def test_without_recipes_the_references_are_the_validation_shapes(
     sets = read_clouds(tmp_path / "own")
     assert sets["reference"].ids == ("vase_0003",)
     assert set(sets["train"].labels) == {""}
+
+
+def test_a_rejected_shape_takes_its_id_label_and_cloud_with_it(
+    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "1")
+    make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "whole", PARAMS)
+    bad, sampled = ("vase_0001", FRESH + "vase_0002"), make_clouds.sampled
+
+    def some(source: ShapeFolder, params: CloudsParams, subject: make_clouds.Subject) -> object:
+        if subject.shape_id in bad:
+            raise make_clouds.lost(subject, "bad luck")
+        return sampled(source, params, subject)
+
+    monkeypatch.setattr(make_clouds, "sampled", some)
+    make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "part", PARAMS)
+    whole, part = read_clouds(tmp_path / "whole"), read_clouds(tmp_path / "part")
+    for name, count in (("train", 2), ("reference", 9)):
+        before = {i: (label, cloud) for i, label, cloud in zip(whole[name].ids, whole[name].labels, whole[name].points)}
+        assert len(part[name]) == count
+        for shape_id, label, cloud in zip(part[name].ids, part[name].labels, part[name].points):
+            assert label == before[shape_id][0]
+            np.testing.assert_array_equal(cloud, before[shape_id][1])
+        assert not {*bad} & {*part[name].ids}
+    said = capsys.readouterr().out
+    assert "2 training shapes; 1 validation shapes and 8 drawn ones for reference" in said
+    assert f"left out: {bad[0]}, bad luck; left out: {bad[1]}, bad luck" in said
+
+
+def test_without_any_training_cloud_the_stage_fails(
+    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(source: ShapeFolder, params: CloudsParams, subject: make_clouds.Subject) -> object:
+        raise make_clouds.lost(subject, "bad luck")
+
+    monkeypatch.setenv("CAGESDF_WORKERS", "1")
+    monkeypatch.setattr(make_clouds, "sampled", none)
+    with pytest.raises(InputError, match=r"none of its training shapes became a cloud.*vase_0000, bad luck"):
+        make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "none", PARAMS)
+
+
+def test_each_shape_has_random_numbers_of_its_own(
+    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys: list[tuple] = []
+
+    def listening(*key: object) -> np.random.Generator:
+        keys.append(key)
+        return item_rng(*key)
+
+    monkeypatch.setenv("CAGESDF_WORKERS", "1")
+    monkeypatch.setattr(make_clouds, "item_rng", listening)
+    make_clouds.main(inputs / "raw", inputs / "shapes", tmp_path / "out", PARAMS)
+    sets = read_clouds(tmp_path / "out")
+    assert len(keys) == len(set(keys)) == 1 + sum(map(len, sets.values())), "one for the recipes, one for each shape"
+    assert {key[0] for key in keys} == {PARAMS.seed}

@@ -37,7 +37,7 @@ def launched(folder: Path, script: str, *arguments: str, ranks: int = 2) -> subp
         env={**environment, "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=1200,
         check=False,
     )
 

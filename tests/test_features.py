@@ -15,6 +15,7 @@ from cagesdf.errors import InputError
 from cagesdf.io.features import FILE, KEY, Features, read_accuracy, read_features, write_features
 from cagesdf.models.pointnet import make_classifier
 from cagesdf.synthesis.dataset import CATEGORIES
+from cagesdf.synthesis.recipe import Recipe
 from cagesdf.training.features import ClassifierSettings, add_gradients, classify, train_classifier
 from pipeline import FeaturesParams, artefact
 from stages import train_features
@@ -141,16 +142,16 @@ def spoiled(change: str, folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ("cut", "is no classifier of this project"),
+        ("cut", "is damaged, or no safetensors file"),
         ("not finite", "NaN or infinite"),
         ("missing", "no such file"),
         ("no metadata", "is no classifier of this project"),
         ('{"kind": "run"}', "holds run version 1"),
         ('{"version": 2}', "holds features version 2"),
-        ('{"hidden": 9}', "not of the sizes that it names"),
-        ('{"classes": ["a"]}', "not of the sizes that it names"),
-        ('{"points": 0}', "at least one"),
-        ('{"widths": "wide"}', "is no classifier of this project"),
+        ('{"hidden": 9}', "doesn't hold the weights that are described"),
+        ('{"classes": ["a"]}', "doesn't hold the weights that are described"),
+        ('{"points": 0}', "wanted points from 1 to"),
+        ('{"widths": "wide"}', "wanted widths to be a list"),
         ('{"widths": []}', "at least one"),
     ],
 )
@@ -162,7 +163,7 @@ def test_another_file_or_a_damaged_one_is_refused_by_name(change: str, said: str
 
 
 def test_a_missing_accuracy_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"accuracy\.json: can't be read"):
+    with pytest.raises(InputError, match=r"accuracy\.json: no such file"):
         read_accuracy(tmp_path)
 
 
@@ -207,3 +208,23 @@ def test_weights_trained_elsewhere_are_taken_as_they_are(
     assert read_accuracy(tmp_path / "other") == {"shapes": 9, "category": None, "family": None}
     with pytest.raises(InputError, match=r"nowhere\.safetensors: no such file"):
         train_features.main(tmp_path / "none", PARAMS.model_copy(update={"weights": "nowhere.safetensors"}))
+
+
+def test_a_rejected_shape_takes_its_label_and_cloud_with_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setenv("CAGESDF_WORKERS", "1")
+    whole, sampled = train_features.drawn("train", 2, PARAMS), train_features.sampled
+
+    def some(name: str, params: FeaturesParams, recipe: Recipe) -> object:
+        if recipe.shape_id == whole.ids[1]:
+            raise train_features.lost(recipe, "bad luck")
+        return sampled(name, params, recipe)
+
+    monkeypatch.setattr(train_features, "sampled", some)
+    part = train_features.drawn("train", 2, PARAMS)
+    rest = [0, *range(2, len(whole))]
+    assert part.ids == tuple(whole.ids[i] for i in rest)
+    assert part.labels == tuple(whole.labels[i] for i in rest)
+    np.testing.assert_array_equal(part.points, whole.points[rest])
+    assert f"left out: shape {whole.ids[1]}, train_features: bad luck" in capsys.readouterr().out

@@ -56,7 +56,7 @@ def table(thick: float = 0.1, shift: float = 0.0) -> Shape:
             part_id,
             "",
             mesh.with_vertices(similarity.to_canonical(mesh.vertices)),
-            Repair("none", 12, 12, 1.0, 1.0, 0, 0),
+            Repair("none", 12, 12, 1.0, 1.0, 0, 0, 0.0),
         )
         for part_id, mesh in meshes.items()
     ]
@@ -109,7 +109,7 @@ def test_parts_that_the_program_does_not_get_to_are_flagged_and_the_shape_kept()
     mesh = box(np.zeros(3), np.ones(3))
     text = "Assembly P {\n bbox = Cuboid(1, 1, 1, True)\n cube0 = Cuboid(1, 1, 1, True)\n}"
     tiny = Similarity(1e-3, np.eye(3), np.zeros(3))
-    part = Part("cube0", "", mesh, Repair("none", 12, 12, 1.0, 1.0, 0, 0))
+    part = Part("cube0", "", mesh, Repair("none", 12, 12, 1.0, 1.0, 0, 0, 0.0))
     fitted = fit(Shape("it", "train", (part,), Assembly(parse(text), tiny), tiny))
     assert fitted.outside[0] > 0.5
     assert not fitted.bounded[0]

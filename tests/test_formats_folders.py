@@ -1,4 +1,4 @@
-"""Part folders, files with several parts, and the listing of a category."""
+"""Part folders, and files with several parts."""
 
 import json
 import os
@@ -10,8 +10,8 @@ import pytest
 import toy
 import trimesh
 
-from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.formats.listing import ShapeSource, list_shapes, read_shape
+from cagesdf.errors import ShapeRejected
+from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.meshes import is_closed, signed_volume
 
 SEAT = toy.box([0, 1, 0], [1, 0.1, 1])
@@ -76,9 +76,8 @@ def test_the_groups_of_an_obj_file_are_parts(tmp_path: Path) -> None:
         ("a.glb", b"glTF junk", "can't be read as GLB"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 99\n", "can't be read as PLY"),
         ("a.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 60, "9 triangles, .* 390 are missing"),
-        ("a.txt", b"nothing", "holds no mesh"),
     ],
-    ids=["obj", "glb", "ply", "stl", "no mesh"],
+    ids=["obj", "glb", "ply", "stl"],
 )
 def test_a_file_that_can_not_be_read_rejects_its_shape_with_the_reason(
     tmp_path: Path, name: str, content: bytes, reason: str
@@ -116,55 +115,6 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     as_trimesh(SEAT).export(tmp_path / "stool" / "seat.stl")
     with pytest.raises(ShapeRejected, match="two parts are called 'seat'"):
         read(tmp_path, "stool")
-
-
-def test_the_listing_takes_folders_and_files_that_fit_and_nothing_else(tmp_path: Path) -> None:
-    for name in ("chair_b", "chair_a", "desk", ".hidden", "chair_hier"):
-        (tmp_path / name).mkdir()
-    for name in ("chair_c.obj", "chair_d.glb", "chair_e.json", "chair_f.txt", ".chair.obj"):
-        (tmp_path / name).touch()
-    assert [source.shape_id for source in list_shapes(tmp_path, "chair_*")] == [
-        "chair_a",
-        "chair_b",
-        "chair_c",
-        "chair_d",
-    ]
-    with pytest.raises(InputError, match="include 'sofa"):
-        list_shapes(tmp_path, "sofa*")
-    with pytest.raises(InputError, match="no such folder"):
-        list_shapes(tmp_path / "none", "*")
-    (tmp_path / "desk.obj").touch()
-    with pytest.raises(InputError, match=r"desk and desk\.obj would both be shape desk"):
-        list_shapes(tmp_path, "*")
-
-
-@pytest.mark.parametrize(
-    ("files", "wanted"),
-    [
-        ({}, {}),
-        ({"val.txt": "b\n"}, {"b": "val"}),
-        ({"train.txt": "a\nc\n", "val.txt": "b\n"}, {"b": "val", "d": "val"}),
-        ({"x_hier/train.txt": "a\nb\nc\n"}, {"d": "val"}),
-        ({"x_hier/train.txt": "a\n", "train.txt": "a\nb\nc\nd\n"}, {}),
-    ],
-)
-def test_what_no_training_list_names_is_for_validation(tmp_path: Path, files: dict, wanted: dict) -> None:
-    for name in "abcd":
-        (tmp_path / name).mkdir()
-    for name, text in files.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
-    splits = {source.shape_id: source.split for source in list_shapes(tmp_path, "*")}
-    assert splits == dict.fromkeys("abcd", "train") | wanted
-
-
-def test_a_source_knows_its_hierarchy(tmp_path: Path) -> None:
-    (tmp_path / "7").mkdir()
-    (tmp_path / "chair_hier").mkdir()
-    (tmp_path / "chair_hier" / "7.json").touch()
-    assert list_shapes(tmp_path, "*") == [
-        ShapeSource("7", "train", tmp_path / "7", tmp_path / "chair_hier" / "7.json", None)
-    ]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")

@@ -20,7 +20,7 @@ from cagesdf.errors import InputError
 from cagesdf.formats import gltf
 from cagesdf.formats.gltf import SUFFIXES, read_gltf
 from cagesdf.formats.gltf_json import MAX_ENTRIES
-from cagesdf.formats.listing import find_shapes, read_shape
+from cagesdf.formats.listing import find_shape, read_shape
 from cagesdf.io.exports import Model, as_stored, write_model
 from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, weld
 
@@ -380,10 +380,11 @@ def test_the_order_of_the_jsons_lists_changes_nothing(place: Path, seed: int) ->
 
 
 def test_our_own_exports_give_their_surface_back(tmp_path: Path) -> None:
-    ball = as_stored(toy.ball([3, -2, 1], 1.0))
+    stored, place = as_stored(toy.ball([3, -2, 1], 1.0))
+    ball = stored.with_vertices(stored.vertices + place)
     owner = (ball.corners().mean(axis=1)[:, 0] > 3).astype(int)
     names = {"leg 1": BOX, "back/rest": BOX}
-    write_model(tmp_path / "a.glb", Model(ball, owner, names))
+    write_model(tmp_path / "a.glb", Model(stored, owner, names, place))
     parts = dict(read_gltf(tmp_path / "a.glb"))
     assert list(parts) == list(names)
     corners = np.concatenate([mesh.corners() for mesh in parts.values()])
@@ -398,10 +399,10 @@ def test_a_file_is_a_shape_and_a_file_in_a_folder_is_a_part(tmp_path: Path, suff
     (tmp_path / "chair").mkdir()
     as_file(content, tmp_path, f"desk{suffix}")
     as_file(content, tmp_path / "chair", f"seat{suffix}")
-    (whole,) = find_shapes(tmp_path / f"desk{suffix}")
+    whole = find_shape(tmp_path / f"desk{suffix}")
     assert [part.part_id for part in read_shape(whole).parts] == ["hind", "seat", "seat_2", "Leg", "Leg_2"]
     assert [part.label for part in read_shape(whole).parts] == ["hind", "seat", "seat", "leg", "leg"]
-    (folder,) = find_shapes(tmp_path / "chair")
+    folder = find_shape(tmp_path / "chair")
     (part,) = read_shape(folder).parts
     assert part.part_id == "seat"
     assert face_areas(part.mesh).sum() == pytest.approx(sum(face_areas(p.mesh).sum() for p in read_shape(whole).parts))
@@ -695,6 +696,6 @@ def test_types_of_the_specification_are_all_there() -> None:
 def test_equal_files_give_equal_structures(tmp_path: Path) -> None:
     """Ids depend on nothing but the file: two copies are one structure."""
     first, second = (as_file(chair(), tmp_path, f"{name}.glb") for name in "ab")
-    shapes = [read_shape(find_shapes(path)[0]) for path in (first, second)]
+    shapes = [read_shape(find_shape(path)) for path in (first, second)]
     assert shapes[0].structure.to_json() == shapes[1].structure.to_json()
     assert json.loads(shapes[0].structure.to_json())["id"] == "root"

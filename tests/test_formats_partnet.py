@@ -85,7 +85,7 @@ def test_the_hierarchy_says_what_the_parts_are(tmp_path: Path) -> None:
         ),
         ([TREE], [], "wanted an object with an id"),
         ([TREE, TREE], None, "one root, got 2"),
-        ([node(0, "x", ["missing"])], None, r"missing\.obj: can't be read"),
+        ([node(0, "x", ["missing"])], None, r"lacks 1 of the 1 meshes .*: missing\.obj of node 0 \(x\)"),
         ([node(0, "x", ["../../secret"])], None, "must be a list of file names"),
         ([node(0, "x", [], node(0, "y", ["o-1"]))], None, "two nodes have the id 0"),
         ([node(0, "x", [])], None, "has no mesh"),

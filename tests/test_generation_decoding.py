@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from cagesdf.generation.decoding import ASIDE, THINNEST, decode
+from cagesdf.generation import decoding
+from cagesdf.generation.decoding import ASIDE, THINNEST, Written, decode
 from cagesdf.generation.program_vae import ProgramVAE
 from cagesdf.generation.programs import ProgramGenerator
 from cagesdf.generation.rules import BlockRules
@@ -51,9 +52,13 @@ def codes(count: int, seed: int) -> torch.Tensor:
     return torch.randn(count, 6, generator=torch.Generator().manual_seed(seed))
 
 
+def program_or_reason(item: Written | str) -> AssemblyProgram | str:
+    return item.program if isinstance(item, Written) else item
+
+
 @pytest.fixture(scope="module")
 def written() -> list[AssemblyProgram | str]:
-    return [item for seed in range(12) for item in decode(untrained(seed).decoder, codes(40, seed))]
+    return [program_or_reason(item) for seed in range(12) for item in decode(untrained(seed).decoder, codes(40, seed))]
 
 
 def test_every_code_gives_a_program_that_executes_near_its_bbox_or_a_reason(
@@ -109,13 +114,14 @@ def test_programs_beside_it_do_not_change_a_program() -> None:
     alone = [decode(model.decoder, code[None])[0] for code in many]
     for a, b in zip(together, alone):
         assert type(a) is type(b)
-        if isinstance(a, AssemblyProgram) and isinstance(b, AssemblyProgram):
-            assert np.allclose(a.parameters(), b.parameters(), atol=1e-4)
+        if isinstance(a, Written) and isinstance(b, Written):
+            assert np.allclose(a.program.parameters(), b.program.parameters(), atol=1e-4)
+            assert a.floating == b.floating
 
 
 def test_the_seed_decides_what_is_drawn_and_a_temperature_of_0_draws_the_mean() -> None:
     models = (untrained(seed) for seed in range(100))
-    model = next(model for model in models if isinstance(decode(model.decoder, torch.zeros(1, 6))[0], AssemblyProgram))
+    model = next(model for model in models if isinstance(decode(model.decoder, torch.zeros(1, 6))[0], Written))
     generator = ProgramGenerator(model, 1.2)
 
     def draw(seed: int, temperature: float) -> list[str]:
@@ -124,7 +130,7 @@ def test_the_seed_decides_what_is_drawn_and_a_temperature_of_0_draws_the_mean() 
 
     assert draw(0, 1.0) == draw(0, 1.0) != draw(1, 1.0)
     assert len(set(draw(0, 1.0))) > 1
-    mean = decode(model.decoder, torch.zeros(1, 6))[0]
+    mean = program_or_reason(decode(model.decoder, torch.zeros(1, 6))[0])
     assert isinstance(mean, AssemblyProgram)
     assert draw(0, 0.0) == draw(1, 0.0) == draw(0, 0.0)[:1] * 20
     again = Assembly.from_json(draw(0, 0.0)[0]).program
@@ -145,3 +151,31 @@ def test_every_draw_is_kept_or_counted_and_stands_where_shapes_do() -> None:
 
 def test_no_codes_give_no_programs() -> None:
     assert decode(untrained(0).decoder, torch.zeros(0, 6)) == []
+
+
+def test_cuboids_in_mid_air_are_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a program's blocks declared as they were written is in it, or counted."""
+    declared: Counter[int] = Counter()  # by sample
+    finished = decoding._finished
+
+    def listening(draft: decoding._Draft, number: int) -> tuple:
+        declared[draft.sample] += sum(isinstance(statement, Declare) for statement in draft.rules.statements)
+        return finished(draft, number)
+
+    monkeypatch.setattr(decoding, "_finished", listening)
+    counted: Counter[bool] = Counter()
+    for seed in range(4):
+        declared.clear()
+        for sample, item in enumerate(decode(untrained(seed).decoder, codes(30, seed))):
+            if isinstance(item, Written):
+                kept = sum(isinstance(s, Declare) for block in item.program.blocks for s in block.statements)
+                assert item.floating == declared[sample] - kept
+                counted[item.floating > 0] += 1
+    assert min(counted[True], counted[False]) > 2, counted
+
+
+def test_drawn_shapes_know_how_many_cuboids_were_left_out() -> None:
+    samples = ProgramGenerator(untrained(1), 1.2).sample(np.random.default_rng(0), 20, 1.0)
+    many = decode(untrained(1).decoder, torch.from_numpy(np.random.default_rng(0).standard_normal((20, 6))).float())
+    assert [item.floating for item in samples.kept] == [item.floating for item in many if isinstance(item, Written)]
+    assert any(item.floating for item in samples.kept)

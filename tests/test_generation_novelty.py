@@ -85,9 +85,10 @@ def test_a_standing_cage_is_centred_and_as_wide_as_asked() -> None:
 
 def test_figures_add_up() -> None:
     items = [generated(changed(programs.CHAIR, by)) for by in (0.0, 0.1)] + [generated(programs.GROWN)]
+    items[1:] = [replace(item, floating=number) for number, item in enumerate(items[1:], start=1)]
     figures = sample_figures(Samples(tuple(items), (0, 1, 3), {"degenerate numbers": 2}), known(chair=programs.CHAIR))
     assert figures["drawn"] == 5
-    assert figures["valid"] == 3
+    assert (figures["valid"], figures["floating"]) == (3, 3)
     assert (figures["copies"], figures["new_cages"], figures["new_structures"]) == (1, 1, 1)
     assert figures["structures"] == 2
     rebuilt = {"chair": items[1], "other": items[2], "third": "degenerate numbers"}

@@ -109,6 +109,16 @@ def test_shapes_of_another_structure_are_another_family_and_the_largest_comes_fi
     assert second.part_ids == ("body",)
 
 
+def test_structures_are_drawn_as_often_as_training_has_them() -> None:
+    structures, cages = jars(7)
+    alone = PartHierarchy.flat(("body",), ("body",), "bowl")
+    structures["bowl"], cages["bowl"] = alone, Cage.of({"body": cages["jar0"]["body"]})
+    samples = ProportionGenerator(families(structures, cages), 1.0).sample(np.random.default_rng(0), 160, 0.0)
+    assert len(samples.kept) == 160
+    bowls = sum(len(item.cage) == 1 for item in samples.kept)
+    assert 10 <= bowls <= 30, "one of eight"
+
+
 def test_what_comes_apart_or_shrinks_to_nothing_is_discarded_with_its_reason() -> None:
     (family,) = families(*jars(4))
     samples = ProportionGenerator((family,), 1.0).sample(np.random.default_rng(0), 60, 12.0)

@@ -79,9 +79,9 @@ def empty_part(folder: Path) -> None:
         (many_parts, "200 parts"),
         (nan_part, "leg.obj, line 4: corner 1 of the face is at (nan, 0, 0)"),
         (empty_part, "part leg has no faces"),
-        (lambda folder: folder.mkdir(), "holds no mesh"),
+        (lambda folder: (folder / "objs").mkdir(parents=True), "lacks result_after_merging.json"),
     ],
-    ids=["200 parts", "NaN", "empty part", "no file"],
+    ids=["200 parts", "NaN", "empty part", "no tree"],
 )
 def test_a_bad_shape_is_a_row_of_the_rejected(tmp_path: Path, write, reason: str) -> None:
     write_stools(tmp_path / "raw", 1)
@@ -94,9 +94,14 @@ def test_a_bad_shape_is_a_row_of_the_rejected(tmp_path: Path, write, reason: str
 def test_too_many_rejections_stop_the_stage_and_leave_nothing(tmp_path: Path) -> None:
     write_stools(tmp_path / "raw", 1)
     for name in ("bad1", "bad2"):
-        (tmp_path / "raw" / name).mkdir()
-    with pytest.raises(InputError, match=r"2 of 3 shapes rejected.*\n.*bad1: .*holds no mesh"):
+        (tmp_path / "raw" / name / "objs").mkdir(parents=True)
+    with pytest.raises(InputError) as caught:
         main(tmp_path / "raw", tmp_path / "out", PARAMS)
+    first, *reasons = str(caught.value).splitlines()
+    assert first.startswith("2 of 3 shapes rejected, at most 1 wanted (import_shapes.max_rejected: 0.5): bad1, bad2; ")
+    assert "repair or remove them" in first
+    assert [reason.split(":")[0] for reason in reasons] == ["  bad1", "  bad2"]
+    assert "lacks result_after_merging.json" in reasons[0]
     assert {path.name for path in tmp_path.iterdir()} == {"raw"}
 
 

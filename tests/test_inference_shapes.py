@@ -23,11 +23,12 @@ from cagesdf.extraction import OUTSIDES
 from cagesdf.frames import Similarity
 from cagesdf.importing import import_shape
 from cagesdf.io.cuboids import read_cages
+from cagesdf.io.exports import Model
 from cagesdf.io.fits import LATENT, read_fit_latent, write_fit
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.residuals import read_residuals, write_residuals
 from cagesdf.io.runs import Run
-from cagesdf.meshes import Mesh, is_closed
+from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -163,10 +164,22 @@ def run_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def write_pair(folder: Path) -> Path:
+def write_pair(folder: Path, place: tuple[float, float, float] = (7, -3, 5)) -> Path:
     for name, mesh in pair(0.36, 0.36).items():
-        toy.write_obj(folder / f"{name}.obj", mesh.with_vertices(2.5 * mesh.vertices + [7, -3, 5]))
+        toy.write_obj(folder / f"{name}.obj", mesh.with_vertices(2.5 * mesh.vertices + place))
     return folder
+
+
+def test_the_surface_of_a_shape_far_from_the_origin_keeps_its_volume(
+    command: Command, run_folder: Path, tmp_path: Path
+) -> None:
+    source = write_pair(tmp_path / "far", (500000.25, 5300000.75, 412.0))
+    told = json.loads(command("fit", run_folder, source, tmp_path / "out", "--resolution", "32"))
+    mesh = read_ply(tmp_path / "out" / "surface.ply")
+    assert is_closed(mesh)
+    assert (told["vertices"], told["faces"]) == (len(mesh.vertices), len(mesh.faces))
+    true = sum(signed_volume(part) for part in pair(0.36, 0.36).values()) * 2.5**3
+    assert signed_volume(mesh) == pytest.approx(true, rel=0.03)
 
 
 def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp_path: Path) -> None:
@@ -193,7 +206,8 @@ def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp
 def test_codes_read_back_as_they_were_and_damaged_ones_are_named(tmp_path: Path) -> None:
     found = fit(raw(pair(0.30, 0.40)))
     surface = inference.fitted_surface(trained(), found, 16).mesh
-    write_fit(tmp_path, found.prepared.fitted, found.inferred.code, found.inferred.film, surface, {"shape_id": "new"})
+    model = Model.of(surface, {}, lambda middles: np.zeros(len(middles), int))
+    write_fit(tmp_path, found.prepared.fitted, found.inferred.code, found.inferred.film, model, {"shape_id": "new"})
     latent, film = read_fit_latent(tmp_path)
     assert torch.equal(latent, found.inferred.code)
     assert torch.equal(film, found.inferred.film)

@@ -21,7 +21,8 @@ from cagesdf.structure.hierarchy import PartHierarchy
 def made(shape_id: str, split: str = "train", method: str = "none") -> Shape:
     meshes = [from_manifold(manifold3d.Manifold.sphere(1.0, n).translate([n, 0, 0])) for n in (8, 12)]
     parts = tuple(
-        Part(str(i), "ball", mesh, Repair(method, 9, len(mesh.faces), 4.0, 0.5, 1, 2)) for i, mesh in enumerate(meshes)
+        Part(str(i), "ball", mesh, Repair(method, 9, len(mesh.faces), 4.0, 0.5, 1, 2, 0.25))
+        for i, mesh in enumerate(meshes)
     )
     similarity = Similarity(2.0, np.eye(3), np.arange(3.0))
     return Shape(shape_id, split, parts, PartHierarchy.flat(("0", "1"), ("ball", "ball"), "toy"), similarity)
@@ -61,7 +62,7 @@ def test_tables_of_another_kind_version_or_origin_are_refused_by_name(tmp_path: 
     with pytest.raises(InputError, match="no such file; wanted a table of cuboids"):
         read_cages(tmp_path)
     (tmp_path / "cuboids.parquet").write_bytes((tmp_path / "parts.parquet").read_bytes())
-    with pytest.raises(InputError, match="holds parts version 2, wanted cuboids version 2"):
+    with pytest.raises(InputError, match="holds parts version 3, wanted cuboids version 2"):
         read_cages(tmp_path)
     pq.write_table(pa.table({"x": [1]}), tmp_path / "cuboids.parquet")
     with pytest.raises(InputError, match="no cagesdf block"):
@@ -83,7 +84,7 @@ def test_rejected_shapes_are_rows_until_they_are_too_many(tmp_path: Path) -> Non
     rejected = [ShapeRejected(name, "test", f"{name} is bad") for name in "ba"]
     write_rejected(tmp_path, rejected, total=10, max_rejected=0.2)
     assert read_rejected(tmp_path) == {"a": "a is bad", "b": "b is bad"}
-    with pytest.raises(InputError, match=r"2 of 10 shapes rejected, at most 10%(.|\n)*a is bad"):
+    with pytest.raises(InputError, match=r"2 of 10 shapes rejected, at most 1 wanted(.|\n)*a is bad"):
         write_rejected(tmp_path, rejected, total=10, max_rejected=0.1)
     with pytest.raises(InputError, match="2 of 2"):
         write_rejected(tmp_path, rejected, total=2, max_rejected=1.0)

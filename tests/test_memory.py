@@ -2,6 +2,7 @@
 
 import pytest
 
+from pipeline.errors import SettingError
 from pipeline.memory import installed, memory
 
 
@@ -19,5 +20,5 @@ def test_without_a_limit_it_is_half_the_machines(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("text", ["much", "-3G", "4 X"])
 def test_what_is_no_size_is_refused_by_name(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAGESDF_MEMORY", text)
-    with pytest.raises(ValueError, match=r"CAGESDF_MEMORY: wanted a size such as 500M or 8G"):
+    with pytest.raises(SettingError, match=r"CAGESDF_MEMORY: wanted a size such as 500M or 8G"):
         memory()

@@ -43,17 +43,17 @@ def test_missing_system_libraries_are_an_input_error_with_the_line_that_installs
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    ("text", "seconds", "reason"),
     [
-        ("while True: pass", "ended after 1 s"),
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
-        ("raise ValueError('too bad a mesh')", "too bad a mesh"),
+        ("while True: pass", 1, "ended after 1 s"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 60, "SIGSEGV"),
+        ("raise ValueError('too bad a mesh')", 60, "too bad a mesh"),
     ],
     ids=["hangs", "crashes", "fails"],
 )
 def test_a_process_that_hangs_crashes_or_fails_is_a_part_that_can_not_be_used(
-    text: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    text: str, seconds: int, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fake(tmp_path, monkeypatch, text)
     with pytest.raises(NotSolidError, match=reason):
-        alpha_wrap(BOX.vertices, BOX.faces, 0.2, 0.05, 1)
+        alpha_wrap(BOX.vertices, BOX.faces, 0.2, 0.05, seconds)

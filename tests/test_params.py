@@ -67,6 +67,53 @@ def test_an_arm_that_is_run_but_not_described_is_named(tmp_path: Path, content: 
         check(written(tmp_path, content))
 
 
+def test_a_stage_has_the_categories_and_arms_that_are_run_and_they_stand_in_one_place(
+    tmp_path: Path, content: dict
+) -> None:
+    content["run"] |= {"categories": ["chair"], "arms": ["deepsdf", "cagesdf"], "generators": ["deepsdf"]}
+    sections = check(written(tmp_path, content))
+    for stage in ("evaluate", "evaluate_progress", "evaluate_edits", "report"):
+        assert sections[stage].arms == ("deepsdf", "cagesdf")
+    assert sections["report"].categories == ("chair",)
+    assert sections["report"].generators == sections["evaluate_generation"].generators == ("deepsdf",)
+    content["evaluate"]["arms"] = ["cage"]
+    with pytest.raises(ParamsError, match=r"evaluate\.arms: stands under run"):
+        check(written(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    ("section", "changes", "say"),
+    [
+        ("run", {"arms": ["cagesdf", "cagesdf"], "generators": ["cagesdf"]}, r"run\.arms: names one twice"),
+        ("run", {"categories": []}, r"run\.categories: .*at least 1 item"),
+        ("run", {"categories": ["../chair"]}, r"run\.categories\.0: .*pattern"),
+        ("run", {"generators": ["cage"]}, r"run\.generators: no arm 'cage' in run\.arms"),
+        ("deform_sequences", {"held_out": [6]}, r"deform_sequences\.held_out: got \(6,\), wanted steps among 1 to 5"),
+        ("deform_sequences", {"held_out": [0]}, r"wanted steps among 1 to 5"),
+        ("generate", {"points": 2047}, r"generate\.points: got 2047, wanted at least train_features\.points, 2048"),
+        ("make_clouds", {"points": 511}, r"make_clouds\.points: .*evaluate_generation\.points, 512"),
+        ("make_clouds", {"seed": 1}, r"make_clouds\.seed: got 1, wanted another than synthesize\.seed"),
+    ],
+    ids=[
+        "an arm twice",
+        "no category",
+        "a category that is a path",
+        "a generator that is not run",
+        "a step too late",
+        "the rest shape held out",
+        "fewer points than features need",
+        "fewer points than are compared",
+        "one seed",
+    ],
+)
+def test_what_sections_say_against_each_other_is_said_before_any_stage_runs(
+    section: str, changes: dict, say: str, tmp_path: Path, content: dict
+) -> None:
+    content[section] |= changes
+    with pytest.raises(ParamsError, match=say):
+        check(written(tmp_path, content))
+
+
 def test_a_missing_file_and_broken_yaml_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(ParamsError, match=r"params\.yaml: can't be read"):
         load("train", tmp_path / "params.yaml")

@@ -1,7 +1,10 @@
 """The ShapeAssembly language: what is read, what is printed, what is refused, and how."""
 
+import re
 import time
+from collections import Counter
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import programs
@@ -10,11 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.errors import ProgramError
+from cagesdf.structure.canonical import canonical_signature
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import parse, read_program
 from cagesdf.structure.program import (
     MAX_CHARACTERS,
     MAX_COPIES,
+    MAX_CUBOIDS,
     MAX_DEPTH,
     MAX_LEAVES,
     MAX_MOVES,
@@ -202,8 +207,12 @@ def test_a_copy_is_neither_copied_nor_called_like_another_cuboid() -> None:
 def test_limits_end_in_errors_that_name_them() -> None:
     assert f"{MAX_CHARACTERS:,} characters" in complaint("#" * (MAX_CHARACTERS + 1)).wanted
     assert f"{MAX_STATEMENTS:,} statements" in complaint(HEAD + "reflect(a, X)\n" * MAX_STATEMENTS + "}").wanted
-    many = complaint(HEAD + f"translate(a, X, {MAX_COPIES}, 1)\n" * 17 + "}")
-    assert (many.line, f"{MAX_LEAVES:,} cuboids" in many.wanted) == (4 + MAX_LEAVES // MAX_COPIES, True)
+    many = complaint(HEAD + f"translate(a, X, {MAX_COPIES}, 1)\n" * 2 + "}")
+    assert (many.line, f"{MAX_CUBOIDS} cuboids in a block" in many.wanted) == (6, True)
+    declared = "".join(f"c{i} = Cuboid(1, 1, 1, True)\n" for i in range(MAX_CUBOIDS - 2))
+    assert len(execute(parse(f"{HEAD}{declared}}}"))) == MAX_CUBOIDS
+    more = complaint(f"{HEAD}{declared}another = Cuboid(1, 1, 1, True)\n}}")
+    assert (more.line, f"{MAX_CUBOIDS} cuboids in a block" in more.wanted) == (MAX_CUBOIDS + 3, True)
     moved = complaint(HEAD + "attach(a, b, 0, 0, 0, 1, 1, 1)\n" * (MAX_MOVES + 1) + "}")
     assert (moved.line, f"{MAX_MOVES} attachments" in moved.wanted) == (5 + MAX_MOVES, True)
     assert len(execute(parse(nested(MAX_DEPTH)))) == 1
@@ -308,3 +317,42 @@ def test_long_numbers_are_read_in_linear_time(digits: str) -> None:
     start = time.process_time()
     complaint(f"{HEAD}attach(a, b, {digits}, {digits}, 0, 0, 0, {digits})\n}}")
     assert time.process_time() - start < 2
+
+
+def mutated(text: str, rng: Random) -> bytes:
+    """A program's text with a few lines, words or bytes changed, in some encoding."""
+    lines = text.splitlines()
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        i, j = (rng.randrange(len(lines)) for _ in range(2))
+        words = re.split(r"([\w.+-]+)", lines[i])
+        words[rng.randrange(len(words))] = rng.choice(WORDS)
+        lines[i : i + 1] = rng.choice(
+            ([], ["".join(words)], [lines[j]], [lines[i]] * rng.choice((2, 500)), [lines[i][: rng.randrange(40)]])
+        ) or [""]
+    content = "\n".join(lines).encode(rng.choice(ENCODINGS), errors="replace")
+    flipped = bytearray(content)
+    for _ in range(rng.choice((0, 0, 1, 5))):
+        flipped[rng.randrange(len(flipped))] = rng.randrange(256)
+    return bytes(flipped)
+
+
+WORDS = (
+    "1e308", "-1e309", "nan", "1e-320", "9" * 5000, "256", "257", "bbox", "Program_0", "cube0", "X", "True", "attach",
+    "squeeze", "reflect", "translate", "Cuboid", "Assembly", "{", "}", "(", ",", "#", "\u0660", "\ufeff",
+    "\u2028", "\x00",
+)  # fmt: skip
+ENCODINGS = ("utf-8", "utf-8", "utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "latin-1")
+
+
+def test_any_mutated_file_is_a_program_that_executes_and_is_signed_or_a_program_error(tmp_path: Path) -> None:
+    rng, path, outcomes = Random(14), tmp_path / "p.txt", Counter()
+    for _ in range(250):
+        path.write_bytes(mutated(str(rng.choice((programs.CHAIR, programs.GROWN))), rng))
+        try:
+            program = read_program(path)
+            assert len(execute(program)) >= 1
+            canonical_signature(program)
+            outcomes["read"] += 1
+        except ProgramError:
+            outcomes["refused"] += 1
+    assert min(outcomes["read"], outcomes["refused"]) > 10, outcomes

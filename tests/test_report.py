@@ -69,8 +69,8 @@ EDITED = {
     "box_warp": {"swap": {"gain": {**GAIN, "median": 0.875}}},
 }
 COURSE = [
-    {"points": 10, "seconds": 2.5, "held_out": True, "surface_distance": 1.0, "cd_deepsdf": 0.1, "nc_signed": 0.5},
-    {"points": 40, "seconds": 10.0, "held_out": True, "surface_distance": 0.1, "cd_deepsdf": 0.01, "nc_signed": 0.9},
+    {"points": 10, "held_out": True, "surface_distance": 1.0, "cd_deepsdf": 0.1, "nc_signed": 0.5},
+    {"points": 40, "held_out": True, "surface_distance": 0.1, "cd_deepsdf": 0.01, "nc_signed": 0.9},
 ]
 NO_PROGRESS = {"about": {}, "categories": {}}
 NO_TABLE3 = gather_generation({})
@@ -315,7 +315,10 @@ def test_chosen_shapes_are_different_and_in_order(total: int, count: int) -> Non
 
 GAINS = (0.9, -1.0, 0.5)  # of the stools' swaps
 PARAMS = Params(format=1)
-REPORT = ReportParams(format=1, shapes=2, generated=2, image_size=32, rates={"cagesdf": 4.0, "deepsdf": 2.0})
+REPORT = ReportParams(
+    format=1, shapes=2, generated=2, image_size=32,
+    categories=("stool",), arms=("cagesdf", "deepsdf"), generators=("cagesdf",),
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -443,18 +446,52 @@ def test_the_stage_writes_the_tables_and_one_page_the_same_each_time(data: Path)
     assert content["edits"]["categories"]["stool"]["cagesdf"]["swap"]["gain"]["median"] == 0.5
     assert content["edits"]["categories"]["stool"]["deepsdf"] == {}
     course = content["progress"]["categories"]["stool"]
-    assert [(row["points"], row["seconds"], row["held_out"]) for row in course["cagesdf"]] == [
-        (10, 2.5, True),
-        (40, 10.0, True),
-    ]
-    assert [(row["seconds"], row["surface_distance"]) for row in course["deepsdf"]] == [(5.0, 0.1), (20.0, 0.025)]
-    assert "Time to quality" in page.read_text(encoding="utf-8")
+    assert [(row["points"], row["held_out"]) for row in course["cagesdf"]] == [(10, True), (40, True)]
+    assert [(row["points"], row["surface_distance"]) for row in course["deepsdf"]] == [(10, 0.1), (40, 0.025)]
+    assert "Training to quality" in page.read_text(encoding="utf-8")
     assert "but for deepsdf" in page.read_text(encoding="utf-8")
     assert content["trials"] == {"stool": {"swap": 3, "left_out": 2}}
     assert "3 shapes passed" in parsed.words
     assert "no faces" in parsed.words
     for first, again in zip((tables, page), make(data, "b")):
         assert first.read_bytes() == again.read_bytes()
+
+
+def plain_page(path: Path, tables: object, categories: list[Category], *options: object) -> None:
+    """What a page is made of, without pictures."""
+    rows = [(category.name, category.comparison.columns, sorted(category.losses)) for category in categories]
+    path.write_text(f"{tables}\n{rows}", encoding="utf-8")
+
+
+def test_leftovers_of_other_runs_change_nothing(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "write_page", plain_page)
+    first = make(data, "a")
+    renamed = [f"{kind}/stool/renamed" for kind in ("meshes", "runs", "generated")]
+    for left in ("shapes/lamp", "meshes/lamp/cagesdf", *renamed):
+        (data / left).mkdir(parents=True)
+        (data / left / artefact.MANIFEST).write_text("{", encoding="utf-8")
+    for before, after in zip(first, make(data, "b"), strict=True):
+        assert before.read_bytes() == after.read_bytes()
+        assert (before.parent / artefact.MANIFEST).read_bytes() == (after.parent / artefact.MANIFEST).read_bytes()
+
+
+def test_a_report_that_fails_leaves_the_tables_and_the_page_of_the_last_one(
+    data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "write_page", plain_page)
+    last = [path.read_bytes() for path in make(data, "a")]
+    (data / "scores" / "stool" / "scores.parquet").unlink()
+    with pytest.raises(artefact.ArtefactError, match=r"stool: lacks scores\.parquet"):
+        make(data, "a")
+
+    def fail(*arguments: object) -> None:
+        raise InputError("no picture")
+
+    write_rows(data / "scores" / "stool", [("cagesdf", "stool_0", 0)])
+    monkeypatch.setattr(report, "write_page", fail)
+    with pytest.raises(InputError, match="no picture"):
+        make(data, "a")
+    assert [(data / "a" / name).read_bytes() for name in ("metrics/tables.json", "report/index.html")] == last
 
 
 @given(st.floats(1e-4, 1e7))

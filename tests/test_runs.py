@@ -103,10 +103,10 @@ def test_a_snapshot_that_is_missing_or_of_another_network_is_named(folder: Path)
         read_snapshot(folder, 7)
     now = tensors(read_run(folder))
     write_snapshot(folder, 7, {name: tensor for name, tensor in now.items() if name != "decoder.backbone.out.weight"})
-    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights"):
+    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights.*backbone\.out"):
         read_snapshot(folder, 7)
     write_snapshot(folder, 7, {**now, "latents": now["latents"][:1]})
-    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the latents"):
+    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights.*latents has the size"):
         read_snapshot(folder, 7)
 
 
@@ -143,7 +143,7 @@ def test_weights_of_another_network_are_refused(folder: Path, tmp_path_factory: 
     arm = json.loads((folder / "arm.json").read_text())
     arm["params"]["width"] = 16
     (folder / "arm.json").write_text(json.dumps(arm))
-    with pytest.raises(InputError, match=r"weights\.safetensors.*arm\.json"):
+    with pytest.raises(InputError, match=r"weights\.safetensors: doesn't hold the weights.*, wanted \[.*16"):
         read_run(folder)
 
 

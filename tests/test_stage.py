@@ -10,13 +10,18 @@ STAGE = '''"""A stage of the tests."""
 from pathlib import Path
 from pipeline import MatchParams, run_stage
 
+class Answer(ValueError):
+    pass
+
 def main(name: str, source: Path, params: MatchParams) -> None:
     if name == "bad":
-        raise ValueError("what came, what was wanted")
+        raise Answer("what came, what was wanted")
+    if name == "defect":
+        raise ValueError("an index nobody thought of")
     print(type(name).__name__, type(source).__name__, params.unmatched)
 
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(main, Answer)
 '''
 
 
@@ -32,6 +37,14 @@ def run(folder: Path, *arguments: str, **environment: str) -> subprocess.Complet
 def test_a_stage_gets_its_arguments_and_the_section_of_its_name(tmp_path: Path) -> None:
     (tmp_path / "params.yaml").write_bytes((ROOT / "params.yaml").read_bytes())
     assert run(tmp_path, "chair", "folder").stdout.split() == ["str", type(tmp_path).__name__, "drop"]
+
+
+def test_a_defect_keeps_its_traceback(tmp_path: Path) -> None:
+    (tmp_path / "params.yaml").write_bytes((ROOT / "params.yaml").read_bytes())
+    defect = run(tmp_path, "defect", "folder")
+    assert defect.returncode == 1
+    assert "Traceback" in defect.stderr
+    assert defect.stderr.endswith("ValueError: an index nobody thought of\n")
 
 
 def test_what_is_wrong_is_one_line_and_status_one_unless_a_traceback_is_asked_for(tmp_path: Path) -> None:

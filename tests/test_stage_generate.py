@@ -174,10 +174,11 @@ def test_tau_is_the_one_given_and_a_huge_one_makes_the_methods_alike(arms: Path)
         assert row["effective"] == pytest.approx(4)
 
 
-def test_temperature_zero_gives_codes_of_training_shapes(arms: Path) -> None:
+def test_temperature_zero_gives_codes_of_training_shapes_and_the_mean_cage(arms: Path) -> None:
     known = {tuple(code) for code in read_run(arms / "runs" / "full").latents.values.tolist()}
     rows = read_generated(made(arms, "full", temperature=0.0)).rows.values()
     assert {tuple(row["latent"]) for row in rows} <= known
+    assert len({tuple(row["cuboids"]) for row in rows}) == 1
 
 
 def test_artefacts_in_the_wrong_order_and_unknown_shapes_are_refused(arms: Path) -> None:

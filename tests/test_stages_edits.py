@@ -34,12 +34,12 @@ TRIALS = TrialsParams(
     format=1, swaps=2, shapes=2, local=2, resize=(0.8, 1.25), move=(0.03, 0.1), beyond=(-0.25, 1.25, 40.0),
     blend=0.1, points=500, detail=0.005, seed=7,
 )  # fmt: skip
-EDITS = EditsParams(format=1, resolution=32, outside="union", overlap="blend", loose="keep")
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
     "cagesdf": {"decoder": "LocalCageDecoder", "points_of": "cage", "latents": "source"},
     "deepsdf": {"decoder": "DeepSdfDecoder", "points_of": "cube", "latents": "deformed"},
 }
+EDITS = EditsParams(format=1, resolution=32, outside="union", overlap="blend", loose="keep", arms=tuple(ARMS))
 # Three of one family, each with a cage and a style of its own.
 RECIPES = [r for r in draw_recipes("vase", 38, 0, np.random.default_rng(2)) if r.family == "bottle" and not r.same_cage]
 RECIPES = [recipe for recipe in RECIPES if not recipe.same_style][:3]
@@ -184,6 +184,14 @@ def test_shapes_from_elsewhere_have_all_trials_but_swaps(inputs: Path, tmp_path:
     assert {row["kind"] for row in read_trials(tmp_path / "trials").rows.values()} == {
         "rest", "local", "beyond", "bent",
     }  # fmt: skip
+
+
+def test_only_the_arms_that_are_run_are_edited_whatever_else_lies_there(
+    inputs: Path, done: Path, tmp_path: Path
+) -> None:
+    params = EDITS.model_copy(update={"arms": ("deepsdf",)})
+    evaluate_edits.main(inputs / "runs", done / "trials", tmp_path / "edits", params)
+    assert read_edits(tmp_path / "edits" / "edits.parquet")[0] == []
 
 
 def test_a_run_in_the_place_of_trials_is_refused(inputs: Path, tmp_path: Path) -> None:

@@ -30,8 +30,6 @@ from stages import evaluate, evaluate_progress, extract_meshes
 EXTRACT = ExtractParams(
     format=1, resolution=32, sources=2, held_out=1, outside="union", overlap="blend", loose="keep", seed=5
 )
-EVALUATE = EvaluateParams(format=1, points=500, detail=0.005, seeds=(0, 1))
-PROGRESS = ProgressParams(format=1, resolution=24, shapes=2, points=300, detail=0.005, seed=8)
 SHAPES = [toy.stool("a"), toy.stool("b", width=1.3, height=0.6), toy.stool("c", lean=0.3)]
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
@@ -39,6 +37,8 @@ ARMS = {
     "deepsdf": {"decoder": "DeepSdfDecoder", "points_of": "cube", "latents": "deformed"},
     "nothing": {"decoder": "LocalCageDecoder", "points_of": "cage", "latents": "source"},
 }
+EVALUATE = EvaluateParams(format=1, points=500, detail=0.005, seeds=(0, 1), arms=tuple(ARMS))
+PROGRESS = ProgressParams(format=1, resolution=24, shapes=2, points=300, detail=0.005, seed=8, arms=tuple(ARMS))
 
 
 def sequence(shape: Shape) -> Sequence:
@@ -181,6 +181,29 @@ def test_the_same_inputs_give_the_same_bytes_with_two_workers(
 def test_inputs_of_another_kind_are_refused(done: Path, inputs: Path, tmp_path: Path) -> None:
     with pytest.raises(ArtefactError, match="wanted 'run'"):
         extract_meshes.main(inputs / "shapes", tmp_path / "meshes", EXTRACT)
-    with pytest.raises(ArtefactError, match="wanted folders of kind 'meshes', got cagesdf: run"):
+    with pytest.raises(ArtefactError, match=r"cagesdf: holds 'run', wanted 'meshes'"):
         evaluate.main(inputs / "runs", inputs / "shapes", inputs / "sequences", tmp_path / "scores", EVALUATE)
     assert not list(tmp_path.iterdir())
+
+
+def test_only_the_arms_that_are_run_are_measured_whatever_else_lies_there(
+    inputs: Path, done: Path, tmp_path: Path
+) -> None:
+    one = {"arms": ("cagesdf",)}
+    edited = tmp_path / "left"
+    for name in ("runs", "meshes"):
+        (edited / name / "old").mkdir(parents=True)
+        (edited / name / "old" / artefact.MANIFEST).write_text("{", encoding="utf-8")
+    (edited / "runs" / "cagesdf").symlink_to(inputs / "runs" / "cagesdf")
+    (edited / "meshes" / "cagesdf").symlink_to(done / "meshes" / "cagesdf")
+    measured = edited / "meshes", inputs / "shapes", inputs / "sequences"
+    evaluate.main(*measured, tmp_path / "scores", EVALUATE.model_copy(update=one))
+    assert set(read_scores(tmp_path / "scores")[0]) == {"cage", "cagesdf", "ground_truth"}
+    evaluate_progress.main(edited / "runs", inputs / "shapes", tmp_path / "progress", PROGRESS.model_copy(update=one))
+    assert {row["arm"] for row in read_progress(tmp_path / "progress")[0]} == {"cagesdf"}
+
+
+def test_an_arm_that_is_run_but_has_no_surfaces_is_named(inputs: Path, done: Path, tmp_path: Path) -> None:
+    params = EVALUATE.model_copy(update={"arms": ("cagesdf", "renamed")})
+    with pytest.raises(ArtefactError, match=r"renamed: no such folder; run the stage"):
+        evaluate.main(done / "meshes", inputs / "shapes", inputs / "sequences", tmp_path / "scores", params)

@@ -104,18 +104,18 @@ def course(arm: str, points: int, distance: float) -> dict[str, object]:
     return {"arm": arm, "points": points, "shape_id": "a", "step": 2, "held_out": arm != "late", **figures}
 
 
-def test_seconds_along_a_training_are_points_by_the_arms_rate_and_shapes_are_averaged() -> None:
+def test_along_a_training_the_points_are_told_and_shapes_are_averaged() -> None:
     rows = [course("early", 100, 1.0), course("early", 100, 2.0), course("early", 300, 0.5), course("late", 100, 4.0)]
-    table = gather_progress({"chair": (rows, {"points": 5})}, {"early": 50.0, "late": 200.0})
+    table = gather_progress({"chair": (rows, {"points": 5})})
     assert table["about"] == {"points": 5}
     early, late = table["categories"]["chair"]["early"], table["categories"]["chair"]["late"]
-    assert [(row["points"], row["seconds"], row["surface_distance"]) for row in early] == [(100, 2, 1.5), (300, 6, 0.5)]
-    assert [(row["seconds"], row["held_out"], row["surface_distance"]) for row in late] == [(0.5, False, 4.0)]
+    assert [(row["points"], row["held_out"], row["surface_distance"]) for row in early] == [
+        (100, True, 1.5), (300, True, 0.5),
+    ]  # fmt: skip
+    assert [(row["points"], row["held_out"], row["surface_distance"]) for row in late] == [(100, False, 4.0)]
 
 
-def test_an_arm_without_a_rate_and_files_that_were_measured_otherwise_are_refused() -> None:
+def test_courses_that_were_measured_otherwise_are_refused() -> None:
     rows = [course("early", 100, 1.0)]
-    with pytest.raises(InputError, match=r"report\.rates: has no arm early"):
-        gather_progress({"chair": (rows, {})}, {"late": 1.0})
     with pytest.raises(InputError, match="rerun evaluate_progress"):
-        gather_progress({"chair": (rows, {"points": 5}), "table": (rows, {"points": 6})}, {"early": 1.0})
+        gather_progress({"chair": (rows, {"points": 5}), "table": (rows, {"points": 6})})

@@ -1,18 +1,27 @@
 """Who may talk to the editor: its own page, and no other site's that is open in the same browser."""
 
+import socket
 from collections.abc import Iterator
 
 import pytest
+import test_cli
+import viser
+from test_cli import Command
+from viser.infra import _infra as infra
+from websockets.asyncio import server as sockets
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from cagesdf.viewing.server import Server
+from cagesdf.errors import InputError
+from cagesdf.viewing.server import OWN_PAGES, PORTS, Server, free_port
+
+command = test_cli.command  # the fixture
 
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[Server]:
-    running = Server("127.0.0.1", 18_180)
+    running = Server("127.0.0.1", 0)
     yield running
     running.stop()
 
@@ -38,6 +47,56 @@ def test_pages_of_this_machine_are_answered(server: Server, origin: str | None) 
 def test_other_sites_are_refused(server: Server, origin: str) -> None:
     with pytest.raises(InvalidStatus, match="403"):
         speak(server, origin)
+
+
+def test_other_sockets_of_the_process_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, seen = sockets.serve, []
+
+    def opened(self: viser.ViserServer, *arguments: object, **options: object) -> None:
+        seen.append((sockets.serve, infra.websockets.asyncio.server.serve.keywords))
+
+    monkeypatch.setattr(viser.ViserServer, "__init__", opened)
+    library = infra.websockets
+    Server("127.0.0.1", 0)
+    Server("0.0.0.0", 0)
+    assert seen == [(plain, {"origins": OWN_PAGES}), (plain, {"origins": None})]
+    assert infra.websockets is library
+
+
+def test_a_port_that_is_named_is_taken_or_refused_and_otherwise_a_free_one_is_found() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port {port}: is in use at 127.0.0.1"):
+            free_port("127.0.0.1", port)
+    assert free_port("127.0.0.1", port) == port
+    assert free_port("127.0.0.1", 0) == 0
+    first = free_port("127.0.0.1", None)
+    with socket.create_server(("127.0.0.1", first)):
+        assert first < free_port("127.0.0.1", None) <= PORTS[-1]
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "said"),
+    [
+        ("127.0.0.1", 70_000, "--port 70000: wanted a number"),
+        ("127.0.0.1", -1, "--port -1: wanted a number"),
+        ("", 0, "--host: got an empty address"),
+        ("203.0.113.7", 0, "--host 203.0.113.7, port 0: can't listen there"),
+        ("no such host", None, "--host no such host, port 8080: can't listen there"),
+        ("a" * 70 + ".example", 0, "can't listen there"),
+        ("256.1.1.1", 0, "can't listen there"),
+    ],
+)
+def test_a_place_that_can_not_be_listened_at_is_refused_before_anything_waits(
+    host: str, port: int | None, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        Server(host, port)
+
+
+@pytest.mark.parametrize("options", [("--port", "70000"), ("--host", "203.0.113.7")])
+def test_the_command_says_so_in_one_line_with_status_one(command: Command, options: tuple[str, str]) -> None:
+    assert command.complaint("view", "--demo", *options).startswith(f"cagesdf: {' '.join(options)}")
 
 
 def test_no_page_can_make_it_public(server: Server) -> None:

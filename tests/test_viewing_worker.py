@@ -15,7 +15,7 @@ from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.viewing.worker import COARSE, FINE, Made, Worker
 
-PATIENCE = 60.0  # seconds: only a broken worker takes them
+PATIENCE = 600.0  # seconds: only a broken worker takes them
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_state_that_has_no_surface_is_said_and_the_next_one_is_made(
 def test_closing_ends_the_thread(session: Session, seen: Seen) -> None:
     before = threading.active_count()
     with ThreadPoolExecutor(1) as pool:
-        workers = [Worker(session, pool, seen.show, seen.fail) for _ in range(10)]
+        workers = [Worker(session, pool, seen.show, seen.fail) for _ in range(3)]
         for worker in workers:
             worker.want(session.opened("a"))
         for worker in workers:

@@ -45,7 +45,9 @@ def shape_of(shape_id: str, meshes: dict[str, Mesh], tree: Node, split: str = "t
     parts = []
     for part_id in structure.parts():
         mesh = meshes[part_id].with_vertices(similarity.to_canonical(meshes[part_id].vertices))
-        repair = Repair("none", len(mesh.faces), len(mesh.faces), signed_volume(mesh), 0.5, dropped=0, plates=0)
+        repair = Repair(
+            "none", len(mesh.faces), len(mesh.faces), signed_volume(mesh), 0.5, dropped=0, plates=0, lost=0.0
+        )
         parts.append(Part(part_id, labels[part_id], mesh, repair))
     return Shape(shape_id, split, tuple(parts), structure, similarity)
 
@@ -67,7 +69,7 @@ def stool(
 def generated(method: str, shape_id: str, mesh: Mesh, points: np.ndarray, components: int = 1) -> GeneratedShape:
     """A generated shape of an arm without cuboids."""
     return GeneratedShape(
-        method, shape_id, 0, 0, None, Cage.from_vectors((), np.zeros((0, 15))), np.zeros(2, np.float32), 1.0,
+        method, shape_id, 0, 0, None, Cage.from_vectors((), np.zeros((0, 15))), 0, np.zeros(2, np.float32), 1.0,
         "ok" if len(mesh.faces) else "empty", mesh, components, 0.0, 1, rooted=False, stable=False, points=points,
     )  # fmt: skip
 

@@ -17,6 +17,8 @@ from cagesdf.cli.programs import execute_programs, signature
 from cagesdf.cli.shapes import check, sdf
 from cagesdf.cli.surfaces import edit, extract, swap
 from cagesdf.cli.viewing import view
+from cagesdf.errors import InputError, ShapeRejected
+from pipeline.errors import PipelineError
 
 app = cyclopts.App(
     "cagesdf",
@@ -30,14 +32,14 @@ app.command(execute_programs, name="execute")
 
 
 def run() -> None:
-    """Run the command line. What is wrong is said in one line on standard error, with exit status 1."""
+    """Run the command line. What is wrong with input is said in one line on standard error, with exit status 1."""
     try:
         app(sys.argv[1:], exit_on_error=False, print_error=False)
     except BrokenPipeError:
         # Who read the output has seen enough; what is still buffered must go somewhere when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except (cyclopts.CycloptsError, ValueError, OSError) as error:
+    except (cyclopts.CycloptsError, InputError, ShapeRejected, PipelineError, OSError) as error:
         text = " ".join(str(error).split())
         sys.exit(f"cagesdf: {text}{' See cagesdf --help.' if isinstance(error, cyclopts.CycloptsError) else ''}")
     except KeyboardInterrupt:

@@ -60,6 +60,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         import torch
 
         from cagesdf import inference
+        from cagesdf.editing.session import cut
         from cagesdf.io.fits import write_fit
         from cagesdf.io.residuals import read_residuals
         from cagesdf.io.runs import read_run
@@ -81,14 +82,15 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         found = inference.fit_code(trained, known, prepared, settings.inference, seed)
     with _timed(seconds, "extract"):
         surface = inference.fitted_surface(trained, found, resolution)
-    if not is_closed(surface.mesh) or signed_volume(surface.mesh) <= 0:
+    model = cut(surface.mesh, prepared.fitted.cage, shape.structure, shape.similarity)
+    if not is_closed(model.surface) or signed_volume(model.surface) <= 0:
         raise InputError(f"{source}: the network gives a surface with holes, nothing was written; {found.verdict}")
     with _timed(seconds, "measure"):
         measured = inference.measure(found, surface.mesh, **MEASURE, rng=rng)
-    told = inference.report(found, surface, measured)
-    raw = surface.mesh.with_vertices(shape.similarity.to_raw(surface.mesh.vertices))
+    counts = {"vertices": len(model.surface.vertices), "faces": len(model.surface.faces)}
+    told = inference.report(found, surface, measured) | counts
     with new_folder(out_dir) as folder:
-        write_fit(folder, prepared.fitted, found.inferred.code, found.inferred.film, raw, told)
+        write_fit(folder, prepared.fitted, found.inferred.code, found.inferred.film, model, told)
     print(json.dumps({"out": str(out_dir), **told, "seconds": seconds}, ensure_ascii=False))
 
 
@@ -102,14 +104,11 @@ def settings_of() -> "FitSettings":
 
 def imported(source: Path) -> "Shape":
     """The one shape of a source. Raises InputError if there are others, or it can't be used."""
-    from cagesdf.formats.listing import find_shapes, read_shape
+    from cagesdf.formats.listing import find_shape, read_shape
     from cagesdf.importing import import_shape
 
-    found = find_shapes(source)
-    if len(found) != 1 or found[0].path.resolve() != source.resolve():
-        raise InputError(f"{source}: holds {len(found):,} shapes, such as {found[0].shape_id}; name one")
     try:
-        return import_shape(read_shape(found[0]), **IMPORT)
+        return import_shape(read_shape(find_shape(source)), **IMPORT)
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
 

@@ -3,9 +3,10 @@
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,6 +15,8 @@ from cagesdf.cli.surfaces import LEAST
 from cagesdf.errors import InputError
 
 if TYPE_CHECKING:
+    from cagesdf.cuboid import Cage
+    from cagesdf.generating import CageDraws, Order
     from cagesdf.generation.generator import Generated
     from cagesdf.io.generated import GeneratedShape
     from cagesdf.io.runs import Run
@@ -23,6 +26,7 @@ POINTS = 2048  # that a surface is sampled with before it is written
 COLUMNS = 8  # pictures in a row of the sheet
 CELL = 220  # pixels along a side of one of them
 SHOWN = 64  # shapes on the sheet, at most
+AHEAD = 2  # shapes for each worker that may be made before they are written
 
 
 def generate(
@@ -67,7 +71,7 @@ def generate(
     resolution
         Cells along 2.1 times the radius of the unit sphere.
     ending
-        The format of the meshes; .obj and .glb are cut into parts and have the cuboids too.
+        The format of the meshes; .obj and .glb are cut into parts, .glb has the cuboids too (as a second scene).
     stability
         How it is tested whether shapes stand: by the polygon that they stand on, or by letting them go and pushing them
         in a simulation (pip install 'cagesdf[physics]').
@@ -76,8 +80,7 @@ def generate(
     seconds = time.perf_counter()
     import torch
 
-    from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
-    from cagesdf.generating import STABILITIES, Extracting, code_source, counts, has_cuboids, make_shape, orders
+    from cagesdf.generating import STABILITIES, code_source, counts, has_cuboids, in_order, orders
     from cagesdf.io.runs import read_run
     from pipeline.executor import item_rng, workers
 
@@ -90,26 +93,16 @@ def generate(
     drawn = _drawn(run, trained, program, programs, count, seed, temperature)
     method = (latent or "dependent") if has_cuboids(trained) else "isotropic"
     source = code_source(trained, method, None)
-    todo = orders(drawn, {method: source}, seed, partial(item_rng, seed, "code"), temperature)
-    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS, STABILITIES[stability])
+    todo = orders(drawn, method, source, seed, partial(item_rng, seed, "code"), temperature)
+    make = _maker(trained, resolution, STABILITIES[stability], seed)
     with new_folder(out) as folder, ThreadPoolExecutor(workers()) as pool:
-        make = partial(make_shape, trained, how)
-        rngs = [item_rng(seed, "points", order.method, order.shape_id) for order in todo]
-        rows: list[dict[str, Any]] = []
-        shown: list[GeneratedShape] = []
-        with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
-            for shape in pool.map(make, rngs, todo):
-                entry = _written(folder, shape, ending)
-                stream.write(json.dumps(entry, ensure_ascii=False) + "\n")
-                rows.append(shape.row())
-                shown += [shape] if len(shown) < SHOWN else []
-        _sheet(folder / "sheet.png", shown)
+        found = counts(_written(folder, in_order(pool, make, todo, AHEAD * workers()), ending))
     told = {
         "out": str(out),
         "method": method,
         **source.about(),
         "asked": count,
-        **counts(rows),
+        **found,
         "seconds": round(time.perf_counter() - seconds, 2),
     }
     print(json.dumps(told, ensure_ascii=False))
@@ -132,35 +125,72 @@ def _check(out: Path, count: int, seed: int, temperature: float, resolution: int
 
 def _drawn(
     run: Path, trained: "Run", program: Path | None, programs: Path | None, count: int, seed: int, temperature: float
-) -> list[tuple[int, "Generated | None"]]:
-    """Cages with the numbers of their draws. InputError if none is valid or nothing draws them."""
-    from cagesdf.generating import draw_cages, has_cuboids, of_program
+) -> "Iterable[tuple[int, Generated | None]]":
+    """Cages with the numbers of their draws, as they are taken. InputError if nothing draws them."""
+    from cagesdf.generating import CageDraws, has_cuboids, of_program
     from cagesdf.io.generators import GENERATOR, read_generator
     from cagesdf.structure.parsing import read_program
     from pipeline.executor import item_rng
 
     if not has_cuboids(trained):
-        return [(number, None) for number in range(count)]
+        return ((number, None) for number in range(count))
     if program is not None:
-        return [(0, of_program(read_program(program), trained))] * count
+        return repeat((0, of_program(read_program(program), trained)), count)
     there = run.resolve()
     folder = programs or there.parent.parent.parent / "programs" / there.parent.name
     if not (folder / GENERATOR).is_file():
         what = "--programs" if programs else f"new cuboids for {run} are looked for in {folder}"
         wanted = "a folder that train_programs wrote (dvc repro train_programs); or give a --program"
         raise InputError(f"{what}: there is no {folder / GENERATOR}; wanted {wanted}")
-    samples = draw_cages(read_generator(folder).generator, item_rng(seed, "cages"), count, temperature)
-    if not samples.kept:
-        reasons = "; ".join(f"{number} times: {reason}" for reason, number in samples.failures.items())
+    return _some(CageDraws(read_generator(folder).generator, item_rng(seed, "cages"), count, temperature), folder)
+
+
+def _some(draws: "CageDraws", folder: Path) -> "Iterator[tuple[int, Generated]]":
+    """All draws. InputError at their end if none was valid."""
+    some = False
+    for item in draws:
+        some = True
+        yield item
+    if not some:
+        reasons = "; ".join(f"{number} times: {reason}" for reason, number in sorted(draws.failures.items()))
         raise InputError(f"{folder}: no draw gave a valid shape ({reasons}); train it longer, or lower --temperature")
-    return list(zip(samples.numbers, samples.kept))
 
 
-def _written(folder: Path, shape: "GeneratedShape", ending: str) -> dict[str, Any]:
+def _maker(
+    trained: "Run", resolution: int, stability: "Callable[[Cage], bool]", seed: int
+) -> "Callable[[Order], GeneratedShape]":
+    """What makes a shape of an order, with random numbers of its own."""
+    from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+    from cagesdf.generating import Extracting, make_shape
+    from pipeline.executor import item_rng
+
+    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS, stability)
+
+    def make(order: "Order") -> "GeneratedShape":
+        return make_shape(trained, how, item_rng(seed, "points", order.method, order.shape_id), order)
+
+    return make
+
+
+def _written(folder: Path, shapes: "Iterable[GeneratedShape]", ending: str) -> Iterator[dict[str, Any]]:
+    """Write each shape's files and its line of the index as it comes, at the end the sheet; yields their rows.
+
+    No shape is held but the SHOWN first.
+    """
+    shown: list[GeneratedShape] = []
+    with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
+        for shape in shapes:
+            row = shape.row()
+            stream.write(json.dumps(_entry(folder, shape, row, ending), ensure_ascii=False) + "\n")
+            shown += [shape] if len(shown) < SHOWN else []
+            yield row
+    _sheet(folder / "sheet.png", shown)
+
+
+def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending: str) -> dict[str, Any]:
     """Write a shape's files; its line of the index."""
     from cagesdf.io.exports import write_model
 
-    row = shape.row()
     entry: dict[str, Any] = {"id": shape.shape_id, "status": shape.status, "mesh": None, "structure": None}
     if len(shape.mesh.faces):
         entry["mesh"] = f"{shape.shape_id}.{ending}"
@@ -171,7 +201,7 @@ def _written(folder: Path, shape: "GeneratedShape", ending: str) -> dict[str, An
         text = str(placed[0]) if placed else shape.structure.to_json() + "\n"
         (folder / entry["structure"]).write_text(text, encoding="utf-8", newline="\n")
     kept = ("method", "seed", "draw", "effective", "vertices", "faces", "closed", "components", "clipped", "rooted",
-            "stable", "part_ids")  # fmt: skip
+            "stable", "floating", "part_ids")  # fmt: skip
     numbers = {"cuboids": shape.cage.vectors().tolist(), "latent": shape.latent.tolist()}
     return entry | {name: row[name] for name in kept} | numbers
 
@@ -181,20 +211,17 @@ def _model(shape: "GeneratedShape") -> Any:
     import numpy as np
 
     from cagesdf.cuboid import CORNER_ORDER
-    from cagesdf.editing.parts import part_names
-    from cagesdf.io.exports import Model, as_stored
+    from cagesdf.editing.session import cut
+    from cagesdf.frames import Similarity
+    from cagesdf.io.exports import Model
     from cagesdf.meshes import Mesh
     from cagesdf.solid import CUBE_FACES
 
-    surface = as_stored(shape.mesh)
-    if shape.structure is None:
-        low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-        box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
-        return Model(surface, np.zeros(len(surface.faces), np.int64), {"shape": box})
-    owner, _ = shape.cage.assign(surface.corners().mean(axis=1))
-    names = part_names(shape.structure)
-    corners = zip(shape.cage.part_ids, shape.cage.corners())
-    return Model(surface, owner, {names[part]: Mesh(box, CUBE_FACES) for part, box in corners})
+    if shape.structure is not None:
+        return cut(shape.mesh, shape.cage, shape.structure, Similarity(1.0, np.eye(3), np.zeros(3)))
+    low, high = shape.mesh.vertices.min(axis=0), shape.mesh.vertices.max(axis=0)
+    box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
+    return Model.of(shape.mesh, {"shape": box}, lambda middles: np.zeros(len(middles), np.int64))
 
 
 def _sheet(path: Path, shapes: "list[GeneratedShape]") -> None:

@@ -1,6 +1,7 @@
 """The command that looks into artefacts."""
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -59,7 +60,7 @@ def _editable(run: Path, shape_id: str) -> list[str]:
         centre = state.similarity.to_raw(cuboid.centre[None])[0]
         lengths = [cuboid.size[state.own_axis(axis)[0]] / unit for axis in "xyz"]
         partners = ", ".join(names[other] for other in planes[part])
-        rows.append([names[part], part, _triple(centre), _triple(lengths), partners])
+        rows.append([names[part], part, _places(centre, 1 / unit), _triple(lengths), partners])
     paragraphs = [f"{shape_id}, x, y, z in its file's frame and unit\n{indented(aligned(rows))}"]
     if (placed := state.structure.placed_program()) is not None:
         numbers = [[name, f"{value:.6g}"] for name, value in parameters(placed[0]).items()]
@@ -69,6 +70,12 @@ def _editable(run: Path, shape_id: str) -> list[str]:
 
 def _triple(numbers: Iterable[float]) -> str:
     return " ".join(f"{number:.4g}" for number in numbers)
+
+
+def _places(numbers: Iterable[float], size: float) -> str:
+    """Positions of something of a size, to 1e-4 of it, however far from the origin it is."""
+    decimals = max(0, 4 - math.floor(math.log10(size)))
+    return " ".join(f"{number:.{decimals}f}" if abs(number) > 64 * size else f"{number:.4g}" for number in numbers)
 
 
 def _draw(path: Path, picture: Path) -> None:
@@ -129,5 +136,6 @@ def _mesh(path: Path) -> str:
         facts += [["closed", "yes: no hole, one orientation"], ["volume", f"{signed_volume(mesh):.4g}"]]
     else:
         facts += [["closed", "no"]]
-    facts += [[axis, f"{a:.4g} to {b:.4g}"] for axis, a, b in zip("xyz", low, high)]
+    side = float((high - low).max()) or 1.0
+    facts += [[axis, f"{_places([a], side)} to {_places([b], side)}"] for axis, a, b in zip("xyz", low, high)]
     return f"{path}\n{indented(aligned(facts))}"

@@ -28,6 +28,7 @@ def execute_programs(*paths: Path, out: Path | None = None, mesh: Path | None = 
     mesh
         An .obj file for a single program's cuboids, each an object of its own.
     """
+    from cagesdf.editing.parts import distinct_labels
     from cagesdf.formats.shapeassembly import list_programs
     from cagesdf.io.exports import obj
     from cagesdf.solid import CUBE_FACES
@@ -43,10 +44,10 @@ def execute_programs(*paths: Path, out: Path | None = None, mesh: Path | None = 
 
     if mesh is not None:
         cage = execute(read_program(files[0]))
-        named = zip(cage.part_ids, cage.corners())
-        content = obj([(corners, {f"{files[0].stem}/{part}": CUBE_FACES}) for part, corners in named])
+        names = distinct_labels({f"{files[0].stem}/{part}": "" for part in cage.part_ids})
+        content = obj([(corners, {name: CUBE_FACES}) for name, corners in zip(names.values(), cage.corners())])
         with replacing(mesh) as partial:
-            partial.write_text(content, encoding="utf-8")
+            partial.write_text(content, encoding="utf-8", newline="\n")
 
     failures: list[ProgramError] = []
     lines = _answers(files, lambda program: {"cuboids": execute(program).vectors().tolist()}, failures)

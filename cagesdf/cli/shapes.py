@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from numpy import ndarray
 
+    from cagesdf.shape import Shape
+
 # How `check` and `sdf` import: as params.yaml does.
 IMPORT: dict[str, Any] = {
     "up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4,
@@ -18,15 +20,18 @@ IMPORT: dict[str, Any] = {
 MAX_POINTS = 20_000_000
 
 
-def check(*sources: Path) -> None:
+def check(*sources: Path, include: str = "*") -> None:
     """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
 
-    Exit status 1 if any was rejected.
+    A folder's shapes are those that `make own` would take; what else is in it is said first. Exit status 1 if any
+    was rejected.
 
     Parameters
     ----------
     sources
-        Mesh files, folders of part meshes, PartNet shapes, and folders of any of these.
+        Folders of shapes (DATA of `make own`), PartNet shapes, and mesh files.
+    include
+        Glob over the names of a folder's shapes (INCLUDE of `make own`).
     """
     from cagesdf.errors import ShapeRejected
     from cagesdf.formats.listing import find_shapes, read_shape
@@ -34,7 +39,10 @@ def check(*sources: Path) -> None:
 
     if not sources:
         raise InputError("wanted mesh files or folders. See cagesdf --help.")
-    found = [shape for source in sources for shape in find_shapes(source)]
+    listings = [find_shapes(source, include) for source in sources]
+    for note in (note for listing in listings for note in listing.notes):
+        print(note)
+    found = [shape for listing in listings for shape in listing]
     rejected = 0
     for source in found:
         try:
@@ -64,24 +72,37 @@ def sdf(source: Path, points: Path, out: Path, /) -> None:
     import numpy as np
 
     from cagesdf.errors import ShapeRejected
-    from cagesdf.formats.listing import find_shapes, read_shape
+    from cagesdf.formats.listing import find_shape, read_shape
     from cagesdf.importing import import_shape, repair_report, signed_distances
 
     if out.suffix.lower() != ".npy" or out.resolve() == points.resolve():
         raise InputError(f"{out}: wanted a name that ends in .npy, and not that of the points")
     check_folder(out)
     places = _read_points(points)
-    found = find_shapes(source)
-    if len(found) != 1 or found[0].path.resolve() != source.resolve():
-        raise InputError(f"{source}: holds {len(found):,} shapes, such as {found[0].shape_id}; name one")
     try:
-        shape = import_shape(read_shape(found[0]), **IMPORT)
+        shape = import_shape(read_shape(find_shape(source)), **IMPORT)
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
-    distances = signed_distances(shape, places).astype(np.float32)
+    _check_precision(points, places, shape)
+    distances = signed_distances(shape, places.astype(np.float64)).astype(np.float32)
     with replacing(out) as partial, partial.open("wb") as stream:
         np.save(stream, distances)
     print(json.dumps({**repair_report(shape), "points": len(distances), "points_inside": int((distances < 0).sum())}))
+
+
+def _check_precision(path: Path, points: "Float[ndarray, 'n 3']", shape: "Shape") -> None:
+    """Raise InputError for float32 points of a shape that is too far from the origin for them."""
+    import numpy as np
+
+    from cagesdf.io.exports import FAR
+
+    radius = 1 / shape.similarity.scale
+    reach = float(np.abs(shape.similarity.to_raw(np.zeros((1, 3)))).max())
+    if points.dtype.itemsize < 8 and reach > FAR * radius:
+        raise InputError(
+            f"{path}: holds {points.dtype}, which is {np.spacing(points.dtype.type(reach)):.2g} apart where the shape "
+            f"is, {reach:,.0f} from the origin; wanted float64"
+        )
 
 
 def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
@@ -100,7 +121,7 @@ def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
         raise InputError(f"{path}: holds several arrays; {wanted}")
     if stored.dtype.kind != "f" or stored.ndim != 2 or stored.shape[1] != 3 or len(stored) > MAX_POINTS:
         raise InputError(f"{path}: holds {stored.dtype} of shape {stored.shape}; {wanted}")
-    points = np.array(stored, dtype=np.float64)
+    points = np.array(stored)
     if not (finite := np.isfinite(points).all(1)).all():
         raise InputError(f"{path}: row {int(finite.argmin())} is {points[finite.argmin()].tolist()}; {wanted}")
     return points

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from cagesdf.editing.state import State
 
 LEAST = 8  # cells
-MAX_BYTES = 4_000_000  # of a script: as many characters as `parse` takes, at most four bytes each
 
 
 def extract(
@@ -28,6 +27,7 @@ def extract(
     method: Literal["sparse", "dense"] = "sparse",
     symmetry: Literal["none", "x"] = "none",
     loose: Literal["keep", "drop"] = "keep",
+    cuboids: Path | None = None,
 ) -> None:
     """Write the surface that a trained network gives for one of its shapes, in the frame and unit of your files.
 
@@ -40,8 +40,8 @@ def extract(
     shape_id
         One of its training shapes.
     out
-        A .ply, .obj, .stl or .glb file in a folder that exists; .obj and .glb are cut into parts and have the
-        cuboids too.
+        A .ply, .obj, .stl or .glb file in a folder that exists; .obj and .glb are cut into parts, .glb has the
+        cuboids too (as a second scene).
     resolution
         Cells along 2.1 times the radius of the shape's bounding sphere.
     step
@@ -52,8 +52,10 @@ def extract(
         x: a mirrored cage gets an exactly mirrored surface.
     loose
         drop: leave pieces out that hang on to nothing.
+    cuboids
+        A file of these kinds for the cuboids alone.
     """
-    work = _Work(run, out, resolution, method=method, symmetry=symmetry, loose=loose)
+    work = _Work(run, out, cuboids, resolution, method=method, symmetry=symmetry, loose=loose)
     work.write(work.session.opened(shape_id, step))
 
 
@@ -66,6 +68,7 @@ def edit(
     *,
     resolution: int = 128,
     symmetry: Literal["none", "x"] = "none",
+    cuboids: Path | None = None,
 ) -> None:
     """Edit one of a trained network's shapes by a script and write its surface, as `extract` does.
 
@@ -84,11 +87,14 @@ def edit(
         Cells along 2.1 times the radius of the shape's bounding sphere.
     symmetry
         x: a mirrored cage gets an exactly mirrored surface.
+    cuboids
+        A file of these kinds for the cuboids alone.
     """
-    from cagesdf.editing.script import parse
+    from cagesdf.editing.script import MAX_BYTES, parse
+    from cagesdf.text import read_text
 
-    operations = parse(_text(script))
-    work = _Work(run, out, resolution, symmetry=symmetry)
+    operations = parse(read_text(script, MAX_BYTES))
+    work = _Work(run, out, cuboids, resolution, symmetry=symmetry)
     state = work.session.opened(shape_id)
     with work.timed("edit"):
         state = work.session.edited(state, operations).present
@@ -104,6 +110,7 @@ def swap(
     *,
     resolution: int = 128,
     symmetry: Literal["none", "x"] = "none",
+    cuboids: Path | None = None,
 ) -> None:
     """Write the surface of one shape's cuboids in another's style, as `extract` does.
 
@@ -121,10 +128,12 @@ def swap(
         Cells along 2.1 times the radius of the shape's bounding sphere.
     symmetry
         x: a mirrored cage gets an exactly mirrored surface.
+    cuboids
+        A file of these kinds for the cuboids alone.
     """
     from cagesdf.editing.script import Swap
 
-    work = _Work(run, out, resolution, symmetry=symmetry)
+    work = _Work(run, out, cuboids, resolution, symmetry=symmetry)
     state = work.session.opened(cuboids_of)
     work.write(work.session.edited(state, (Swap(style_of=style_of),)).present)
 
@@ -136,6 +145,7 @@ class _Work:
         self,
         run: Path,
         out: Path,
+        cuboids: Path | None,
         resolution: int,
         symmetry: str,
         method: str = "sparse",
@@ -146,9 +156,12 @@ class _Work:
 
         if resolution < LEAST:
             raise InputError(f"--resolution {resolution}: wanted at least {LEAST} cells; 128 is usual, 256 is fine")
-        check_name(out)
-        check_folder(out)
-        self.out = out
+        for path in (out, *([cuboids] if cuboids else [])):
+            check_name(path)
+            check_folder(path)
+        if cuboids is not None and cuboids.resolve() == out.resolve():
+            raise InputError(f"--cuboids {cuboids}: is the surface's file; name another one")
+        self.out, self.cuboids = out, cuboids
         self.seconds: dict[str, float] = {}
         with self.timed("read"):
             from cagesdf.editing.session import Session
@@ -167,7 +180,7 @@ class _Work:
     def write(self, state: "State") -> None:
         """Extract a state's surface, check it, write it and print the line."""
         from cagesdf.editing.session import model_of
-        from cagesdf.io.exports import write_model
+        from cagesdf.io.exports import write_boxes, write_model
         from cagesdf.meshes import is_closed, signed_volume
 
         with self.timed("extract"):
@@ -178,14 +191,17 @@ class _Work:
         if not is_closed(surface) or signed_volume(surface) <= 0:
             given = "a surface that isn't closed" if len(surface.faces) else "no surface at all"
             raise InputError(f"the network gives {given}, nothing was written; train longer or raise --resolution")
-        with self.timed("write"), replacing(self.out) as partial:
-            write_model(partial, model)
+        with self.timed("write"), ExitStack() as files:
+            write_model(files.enter_context(replacing(self.out)), model)
+            if self.cuboids is not None:
+                write_boxes(files.enter_context(replacing(self.cuboids)), model)
         told = {
             "out": str(self.out),
             "vertices": len(surface.vertices),
             "faces": len(surface.faces),
             "evaluations": found.asked,
             "closed": True,
+            "volume": signed_volume(surface),
             "components": found.components,
             "dropped": found.dropped,
             "clipped": round(found.clipped, 6),
@@ -193,15 +209,3 @@ class _Work:
             "seconds": self.seconds,
         }
         print(json.dumps(told, ensure_ascii=False))
-
-
-def _text(path: Path) -> str:
-    """A script's text. Raises InputError if it can't be read."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; wanted a .json file with a list of operations")
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size:,} bytes; wanted at most {MAX_BYTES:,}")
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is no text in UTF-8 ({error})") from error

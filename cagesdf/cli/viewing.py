@@ -18,7 +18,7 @@ def view(
     programs: Path | None = None,
     shapes: Path | None = None,
     host: str = "127.0.0.1",
-    port: int = 8080,
+    port: int | None = None,
 ) -> None:
     """Edit shapes in the browser: drag the cuboids, slide the style, see the surface. Ctrl-C ends it.
 
@@ -39,7 +39,7 @@ def view(
     host
         The address to listen at. Whoever can reach it can use it: others than the default open it to the network.
     port
-        The first port that is tried.
+        The port to listen at, 0 for any free one; without it the first free one from 8080.
     """
     if demo == (run is not None):
         raise InputError("wanted a RUN, such as data/runs/chair/cagesdf, or --demo")
@@ -49,9 +49,10 @@ def view(
     import torch
 
     from cagesdf.viewing.opening import opened
-    from cagesdf.viewing.server import serving
+    from cagesdf.viewing.server import free_port, serving
     from pipeline.executor import workers
 
+    port = free_port(host, port)
     torch.set_num_threads(1)
     with serving(opened(folder, shape, programs, shapes, imported, settings_of()), host, port, workers()) as editor:
         print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)

@@ -101,7 +101,10 @@ def mirrors(state: State) -> Links:
         if not isinstance(relation, Reflection):
             continue
         normal = np.array(relation.normal) / state.stretch
-        mirror = Mirror(np.array(relation.point) * state.stretch, normal / np.linalg.norm(normal))
+        length = np.linalg.norm(normal)
+        if not length > 0:  # files may say so; it is no plane
+            continue
+        mirror = Mirror(np.array(relation.point) * state.stretch, normal / length)
         ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
         for a, b in _nearest(state.cage, ours, theirs, mirror):
             found[a][b] = found[b][a] = mirror

@@ -5,7 +5,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -38,7 +38,10 @@ from cagesdf.structure.stored import read_structure
 Styles = Mapping[str, Float32[ndarray, " d"]]
 
 REACH = 2.0  # canonical: as far from the origin as a corner may be; the shape at rest reaches 1
+MAX_RELATION = 1e6  # of the numbers of a relation: planes, ways, pivots, angles
 SMALLEST = 1e-3  # canonical: the least length of a cuboid
+FARTHEST = 1e10  # radii from the user's origin, within what exports hold
+LARGEST = 1e25  # user's units that a radius may have; as small it may be
 ENDS = {"low": 0.5, "centre": 0.0, "high": -0.5}  # by what stays: how far the centre goes, as a share of the growth
 
 
@@ -65,7 +68,9 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
         case Redo():
             return history.redone()
         case _:
-            return history.then(_after(history.present, operation, styles))
+            # What overflows is refused by what it leads to.
+            with np.errstate(over="ignore", invalid="ignore"):
+                return history.then(_after(history.present, operation, styles))
 
 
 def _after(
@@ -107,10 +112,32 @@ def built(state: State, text: str, frame: tuple[float, ...] | None) -> State:
     """
     structure = read_structure(text)
     similarity = Similarity(1.0, np.eye(3), np.zeros(3)) if frame is None else Similarity.from_numbers([*frame])
-    turn = similarity.rotation
-    if similarity.scale <= 0 or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
-        raise InputError("build: frame is no similarity; wanted a scale > 0, a proper rotation by rows, a translation")
-    return State.opened(structure.cage(), structure, state.latent, similarity)
+    if similarity.scale <= 0 or not _proper(similarity.rotation[None]).all():
+        raise InputError("frame is no similarity; wanted a scale > 0, a proper rotation by rows, a translation")
+    reach = np.abs(similarity.translation).max()
+    if not (1 / LARGEST <= similarity.scale <= LARGEST and reach <= FARTHEST):
+        raise InputError(
+            f"frame has scale {similarity.scale:.3g} and places the shape {reach:.3g} radii from the origin; wanted a "
+            f"scale from {1 / LARGEST:g} to {LARGEST:g}, and at most {FARTHEST:g} radii"
+        )
+    cage = structure.cage()
+    if not (proper := _proper(cage.axes)).all():
+        part = cage.part_ids[int(proper.argmin())]
+        raise InputError(f"structure: the axes of {part!r} are no rotation; wanted two directions across each other")
+    for relation in structure.relations():
+        numbers = np.hstack([value for name, value in vars(relation).items() if name not in ("a", "b")])
+        if not np.abs(numbers).max() <= MAX_RELATION:
+            ends = f"{relation.a!r} and {relation.b!r}"
+            raise InputError(
+                f"structure: {ends} are related by numbers beyond {MAX_RELATION:g}; wanted canonical lengths"
+            )
+    return State.opened(cage, structure, state.latent, similarity)
+
+
+def _proper(matrices: Float[ndarray, "n 3 3"]) -> Bool[ndarray, " n"]:
+    """Which of them are rotations: rows of length 1, across each other, right-handed."""
+    apart = np.abs(matrices @ matrices.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+    return (apart <= 1e-6) & (np.linalg.det(matrices) > 0)
 
 
 def reprogrammed(state: State, name: str, value: float) -> State:

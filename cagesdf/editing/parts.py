@@ -1,14 +1,21 @@
 """What a user calls a shape's parts and its program's numbers."""
 
+import unicodedata
 from collections import Counter
+from collections.abc import Mapping
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from itertools import chain, count
 
-from cagesdf.errors import InputError
+from cagesdf.errors import SHOWN, InputError
 from cagesdf.structure.base import Structure
 from cagesdf.structure.program import BBOX, AssemblyProgram, Attach, Block, Declare, Squeeze, Translate
 
 AXES = ("x", "y", "z")
+UNNAMED = "part"
+PATTERN = "*?|"  # characters that mean something in the patterns of `select`
+MAX_NAME = 100  # characters
+SHOWN_NAMES = 40  # parts that a message lists
 # By kind of statement: what it is called, and its numbers in the order of `program.numbers_of`.
 NUMBERS: dict[type, tuple[str, tuple[str, ...]]] = {
     Attach: ("attach", ("x1", "y1", "z1", "x2", "y2", "z2")),
@@ -18,34 +25,83 @@ NUMBERS: dict[type, tuple[str, tuple[str, ...]]] = {
 
 
 def part_names(structure: Structure) -> dict[str, str]:
-    """A name for each part, by id: its label, numbered from 1 where several share it; its id if it has none."""
+    """A name for each part, by id, the same in scripts, in exports, in `inspect` and in the editor.
+
+    It is the part's label, or its id if it has none, on one line. Where several share a label, it is the id of a part
+    that is called by the label and a number (leg_3), and the label and the part's number among them otherwise. No name
+    is another part's label or id: where a third part is labelled leg_1, the first of two legs is leg__1. Names differ
+    even for readers that ignore case or take blanks for underscores.
+    """
     labels = structure.labels()
-    counts, seen = Counter(labels.values()), Counter[str]()
+    return distinct_labels({part: labels[part] for part in structure.parts()})
+
+
+def distinct_labels(labels: Mapping[str, str]) -> dict[str, str]:
+    """The names of `part_names`, by id, from labels by id; "" is no label."""
+    ids = {part: _plain(part) for part in labels}
+    bases = {part: _plain(label) or ids[part] or UNNAMED for part, label in labels.items()}
+    shared = Counter(_key(base) for base in bases.values())
+    owners = Counter(_key(name) for name in ids.values())
+    taken, numbers = set(shared), Counter[str]()
     names = {}
-    for part in structure.parts():
-        label = labels[part]
-        seen[label] += 1
-        names[part] = part if not label else f"{label}_{seen[label]}" if counts[label] > 1 else label
+    for part, base in bases.items():
+        label, own = _key(base), _key(ids[part])
+        if shared[label] > 1:
+            numbers[label] += 1
+            numbered = own.startswith(f"{label}_") and own.removeprefix(f"{label}_").isdecimal()
+            candidates = chain(
+                [ids[part]] if numbered else [], (f"{base}{'_' * width}{numbers[label]}" for width in count(1))
+            )
+            base = next(
+                name for name in candidates if _key(name) not in taken and owners[_key(name)] == (_key(name) == own)
+            )
+            taken.add(_key(base))
+        names[part] = base
     return names
+
+
+def _plain(text: str) -> str:
+    """A text as a name: on one line, of printable characters, without those that patterns are made of."""
+    printable = (letter if letter.isprintable() else " " for letter in text)
+    words = "".join("_" if letter in PATTERN else letter for letter in printable).split()
+    return " ".join(words)[:MAX_NAME].rstrip()
+
+
+def _key(name: str) -> str:
+    """Equal for names that some readers of files take for the same."""
+    return unicodedata.normalize("NFKC", name).casefold().replace(" ", "_")
 
 
 def select(structure: Structure, pattern: str) -> tuple[str, ...]:
     """Ids of the parts whose id, name or label is `pattern`: * and ? stand for any letters, any letter, | for or.
 
-    Raises InputError if one of the alternatives finds none, with the names that there are.
+    What is exactly a part's name means that part alone. Raises InputError if one of the alternatives finds none, with
+    the names that there are.
     """
     names, labels = part_names(structure), structure.labels()
+    named = {name: part for part, name in names.items()}
+    whole = pattern in labels or pattern in labels.values()
     found: set[str] = set()
-    for alternative in pattern.split("|"):
-        own = {part for part, name in names.items() if _called(alternative, part, name, labels[part])}
-        if not own:
-            raise InputError(f"part {alternative!r}: no part is called so; wanted one of {', '.join(names.values())}")
-        found |= own
+    for alternative in [pattern] if whole else pattern.split("|"):
+        if alternative in named:
+            found.add(named[alternative])
+            continue
+        subset = {part for part, name in names.items() if _called(alternative, part, name, labels[part])}
+        if not subset:
+            known = ", ".join([*names.values()][:SHOWN_NAMES]) + (", …" if len(names) > SHOWN_NAMES else "")
+            raise InputError(f"part {_short(alternative)}: no part is called so; wanted one of {known}")
+        found |= subset
     return tuple(part for part in names if part in found)
 
 
 def _called(pattern: str, *words: str) -> bool:
-    return any(fnmatchcase(word, pattern) for word in words)
+    # In fnmatch's patterns brackets are sets of letters.
+    literal = pattern.replace("[", "[[]")
+    return any(word == pattern or fnmatchcase(word, literal) for word in words)
+
+
+def _short(text: str) -> str:
+    return repr(text) if len(text) <= SHOWN else f"{text[:SHOWN]!r}…"
 
 
 def parameters(program: AssemblyProgram) -> dict[str, float]:

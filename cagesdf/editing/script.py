@@ -7,7 +7,9 @@ named after the user's axes that they were nearest to when the cuboid was fitted
 is `operations.py`'s.
 """
 
-from collections.abc import Iterable
+import json
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -15,14 +17,46 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from cagesdf.errors import SHOWN, InputError
 
 MAX_CHARACTERS = 1_000_000
+MAX_BYTES = 4 * MAX_CHARACTERS  # of a script's file: at most four bytes a character
 MAX_OPERATIONS = 1_000
+MAX_PATTERN = 20_000  # characters that name parts: the names of all parts that a shape may have
+MAX_STRUCTURE = 200_000  # characters
+_WANTED = f'wanted a list of at most {MAX_OPERATIONS:,} operations: [{{"op": ...}}, ...]'
 
-Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
-Factor = Annotated[float, Field(allow_inf_nan=False, ge=0.01, le=100)]
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Axis = Literal["x", "y", "z"]
-Frame = Literal["shape", "cuboid"]
-End = Literal["low", "centre", "high"]
+_Length = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
+_Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Factor = Annotated[float, Field(allow_inf_nan=False, ge=0.01, le=100)]
+
+# Each type's description is what a message says was wanted.
+Part = Annotated[
+    str, Field(min_length=1, max_length=MAX_PATTERN, description="a part's name, or several: leg_*, seat|back")
+]
+Vector = Annotated[
+    tuple[_Length, _Length, _Length], Field(description="three numbers [x, y, z], each from -1e12 to 1e12")
+]
+Angle = Annotated[_Number, Field(description="degrees, a number from -1e6 to 1e6")]
+Value = Annotated[_Number, Field(description="a number from -1e6 to 1e6")]
+Factor = Annotated[_Factor, Field(description="a number from 0.01 to 100")]
+Factors = Annotated[
+    tuple[_Factor, _Factor, _Factor], Field(description="three numbers [x, y, z], each from 0.01 to 100")
+]
+Weight = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1, description="a number from 0 to 1")]
+Parameter = Annotated[str, Field(min_length=1, max_length=1000, description="a parameter's name, as inspect lists it")]
+ShapeId = Annotated[str, Field(min_length=1, max_length=1000, description="the id of a shape")]
+Axis = Annotated[Literal["x", "y", "z"], Field(description="x, y or z")]
+Frame = Annotated[Literal["shape", "cuboid"], Field(description="shape or cuboid")]
+End = Annotated[Literal["low", "centre", "high"], Field(description="low, centre or high")]
+Switch = Annotated[bool, Field(description="true or false")]
+Code = Annotated[tuple[_Number, ...], Field(min_length=1, max_length=4096, description="the numbers of a latent code")]
+Placement = Annotated[
+    Annotated[tuple[_Finite, ...], Field(min_length=13, max_length=13)] | None,
+    Field(description="13 finite numbers: scale, rotation by rows, translation; or null"),
+]
+StructureText = Annotated[
+    str,
+    Field(max_length=MAX_STRUCTURE, description=f"a structure as JSON text, at most {MAX_STRUCTURE:,} characters"),
+]
 
 
 class _Operation(BaseModel):
@@ -33,73 +67,73 @@ class Move(_Operation):
     """Move cuboids."""
 
     op: Literal["move"] = "move"
-    part: Name  # id, name or label, with *, ? and | (or)
-    by: tuple[Number, Number, Number]  # along x, y, z, the user's unit
+    part: Part  # id, name or label, with *, ? and | (or)
+    by: Vector  # along x, y, z, the user's unit
     frame: Frame = "shape"  # whose axes these are: the user's, or each cuboid's own
-    mirror: bool = True  # parts that mirror these do the mirrored thing
-    repeat: bool = False  # parts that repeat these do the same thing in their places
+    mirror: Switch = True  # parts that mirror these do the mirrored thing
+    repeat: Switch = False  # parts that repeat these do the same thing in their places
 
 
 class Resize(_Operation):
     """Stretch cuboids: each along its own axis, or all together along the shape's."""
 
     op: Literal["resize"] = "resize"
-    part: Name  # id, name or label, with *, ? and | (or)
+    part: Part  # id, name or label, with *, ? and | (or)
     axis: Axis
     factor: Factor
     keep: End = "centre"  # what stays where it is, along the axis: of each cuboid, or of their common box
     frame: Frame = "cuboid"
-    mirror: bool = True  # parts that mirror these do the mirrored thing
-    repeat: bool = False  # parts that repeat these do the same thing in their places
+    mirror: Switch = True  # parts that mirror these do the mirrored thing
+    repeat: Switch = False  # parts that repeat these do the same thing in their places
 
 
 class Rotate(_Operation):
     """Turn cuboids: each about its centre and an axis of its own, or all together about the centre of their box."""
 
     op: Literal["rotate"] = "rotate"
-    part: Name  # id, name or label, with *, ? and | (or)
+    part: Part  # id, name or label, with *, ? and | (or)
     axis: Axis
-    angle: Number  # degrees, counter-clockwise seen from the axis's tip
+    angle: Angle  # degrees, counter-clockwise seen from the axis's tip
     frame: Frame = "cuboid"
-    mirror: bool = True  # parts that mirror these do the mirrored thing
-    repeat: bool = False  # parts that repeat these do the same thing in their places
+    mirror: Switch = True  # parts that mirror these do the mirrored thing
+    repeat: Switch = False  # parts that repeat these do the same thing in their places
 
 
 class Scale(_Operation):
     """Stretch the whole cage about the centre of the shape's box at rest."""
 
     op: Literal["scale"] = "scale"
-    factors: tuple[Factor, Factor, Factor]  # along x, y, z
+    factors: Factors  # along x, y, z
 
 
 class Set(_Operation):
     """Give a number of the shape's program another value; what is attached to it, or repeats it, follows."""
 
     op: Literal["set"] = "set"
-    parameter: Name  # as `cagesdf inspect RUN --shape ID` lists them
-    value: Number  # lengths in the program's unit, places as shares
+    parameter: Parameter  # as `cagesdf inspect RUN --shape ID` lists them
+    value: Value  # lengths in the program's unit, places as shares
 
 
 class Swap(_Operation):
     """Take another shape's style: its latent code."""
 
     op: Literal["swap"] = "swap"
-    style_of: Name  # id of a shape
+    style_of: ShapeId  # id of a shape
 
 
 class Blend(_Operation):
     """Go from the current style towards another shape's."""
 
     op: Literal["blend"] = "blend"
-    style_of: Name  # id of a shape
-    weight: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]  # 0: the style stays, 1: it becomes the other's
+    style_of: ShapeId  # id of a shape
+    weight: Weight  # 0: the style stays, 1: it becomes the other's
 
 
 class Style(_Operation):
     """Take a style by its latent code."""
 
     op: Literal["style"] = "style"
-    code: Annotated[tuple[Number, ...], Field(min_length=1, max_length=4096)]
+    code: Code
 
 
 class Build(_Operation):
@@ -107,8 +141,8 @@ class Build(_Operation):
 
     op: Literal["build"] = "build"
     # The user's frame from here on, raw → canonical: scale, rotation by rows, translation; None: the canonical one.
-    frame: Annotated[tuple[Number, ...], Field(min_length=13, max_length=13)] | None = None
-    structure: Annotated[str, Field(max_length=200_000)]  # JSON: a program and its place, or a hierarchy with cuboids
+    frame: Placement = None
+    structure: StructureText  # JSON: a program and its place, or a hierarchy with cuboids
 
 
 class Undo(_Operation):
@@ -142,10 +176,14 @@ def parse(text: str) -> Script:
     """The operations of a script. Raises InputError that names the first bad entry, what came and what was wanted."""
     if len(text) > MAX_CHARACTERS:
         raise InputError(f"script: {len(text):,} characters; wanted at most {MAX_CHARACTERS:,}")
+    if not text.strip():
+        raise InputError(f"script: is empty; {_WANTED}")
     try:
-        return _SCRIPT.validate_json(text)
+        script = _SCRIPT.validate_json(text)
     except ValidationError as error:
-        raise InputError(f"script: {_said(error)}") from error
+        raise InputError(f"script: {_refusal(error)}") from error
+    _check_keys(text)
+    return script
 
 
 def dump(script: Iterable[Operation]) -> str:
@@ -154,31 +192,67 @@ def dump(script: Iterable[Operation]) -> str:
     return "[\n " + ",\n ".join(lines) + "\n]\n" if lines else "[]\n"
 
 
-def _said(failure: ValidationError) -> str:
-    """The first thing that is wrong, in words."""
-    errors = failure.errors(include_url=False)
-    error = errors[0]
+@contextmanager
+def refusing() -> Iterator[None]:
+    """Operations that are made inside of numbers which can't be raise InputError, in the words of `parse`."""
+    try:
+        yield
+    except ValidationError as error:
+        if error.title.lower() not in KINDS:
+            raise
+        raise InputError(_refusal(error)) from error
+
+
+def _refusal(failure: ValidationError) -> str:
+    """The first thing that is wrong, in words: of a script, or of a single operation."""
+    error = failure.errors(include_url=False)[0]
     where, came, context = error["loc"], error["input"], error.get("ctx", {})
+    if failure.title.lower() in KINDS:
+        return _field(failure.title.lower(), where, error["type"], came)
+    if error["type"] == "json_invalid":
+        return f"is no JSON: {context['error']}; {_WANTED}"
     if not where:
-        return f'{error["msg"]}; wanted a list of at most {MAX_OPERATIONS:,} operations: [{{"op": ...}}, ...]'
-    if error["type"] in ("union_tag_not_found", "union_tag_invalid"):
-        kind = context.get("tag")
-        got = f"op {kind!r}" if kind else f"got {_short(came)}"
-        return f'operation {where[0]}: {got}; wanted {{"op": ...}} with one of {", ".join(KINDS)}'
+        got = f"{len(came):,} operations" if error["type"] == "too_long" else _short(came)
+        return f"got {got}; {_WANTED}"
     if len(where) == 1:
-        return f"operation {where[0]}: {error['msg']}; got {_short(came)}"
-    kind, path = str(where[1]), ".".join(map(str, where[2:]))
-    known = ", ".join(name for name in KINDS[kind].model_fields if name != "op")
-    match error["type"]:
-        case "missing":
-            said = f"{path} is missing"
-        case "extra_forbidden":
-            said = f"{path} is not known"
-        case _:
-            return f"operation {where[0]}: {kind}: {path}: {error['msg']}; got {_short(came)}"
-    return f"operation {where[0]}: {kind}: {said}; it has {known or 'nothing else'}"
+        kind = context.get("tag")
+        got = f"op {_short(kind)}" if kind else f"got {_short(came)}"
+        return f'operation {where[0]}: {got}; wanted {{"op": ...}} with one of {", ".join(KINDS)}'
+    return f"operation {where[0]}: {_field(str(where[1]), where[2:], error['type'], came)}"
 
 
-def _short(value: Any) -> str:
-    text = repr(value)
+def _field(kind: str, where: tuple[int | str, ...], error: str, came: Any) -> str:
+    """What is wrong with a field of an operation."""
+    fields = KINDS[kind].model_fields
+    path = _short(".".join(map(str, where)), _printable)
+    field = fields.get(str(where[0])) if where else None
+    if field is None or (error == "missing" and len(where) == 1):
+        known = ", ".join(name for name in fields if name != "op")
+        return f"{kind}: {path} is {'missing' if field else 'not known'}; it has {known or 'nothing else'}"
+    came = "missing" if error == "missing" else _short(came)
+    return f"{kind}: {path} is {came}; wanted {field.description}"
+
+
+def _check_keys(text: str) -> None:
+    """Raise InputError for an operation of a valid script that names a field twice: readers differ on which counts."""
+    number = -1
+
+    def check(pairs: list[tuple[str, Any]]) -> None:
+        nonlocal number
+        number += 1
+        keys = [key for key, _ in pairs]
+        for i, key in enumerate(keys):
+            if key in keys[:i]:
+                raise InputError(f"script: operation {number}: {_short(key)} is given twice; wanted it once")
+
+    # Integers of any length, of fields that a later one hides, are no reason to fail.
+    json.loads(text, object_pairs_hook=check, parse_int=float)
+
+
+def _printable(text: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def _short(value: Any, write: Callable[[Any], str] = repr) -> str:
+    text = write(value)
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"

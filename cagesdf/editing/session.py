@@ -6,16 +6,19 @@ from functools import cached_property
 import torch
 from numpy import ndarray
 
+from cagesdf.cuboid import Cage
 from cagesdf.editing.operations import edited
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
 from cagesdf.extraction import FIELDS, LOOSE, METHODS, SYMMETRIES, Each, Extraction, LiveSurface
-from cagesdf.io.exports import Model, as_stored
+from cagesdf.frames import Similarity
+from cagesdf.io.exports import Model
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
 from cagesdf.solid import CUBE_FACES
+from cagesdf.structure.base import Structure
 
 
 class Session:
@@ -92,12 +95,19 @@ class Live:
 
 
 def model_of(mesh: Mesh, state: State) -> Model:
-    """A state's surface, canonical, as it is given to users: in their frame, cut by cuboid, with the cuboids."""
-    names = part_names(state.structure)
-    surface = as_stored(mesh.with_vertices(state.similarity.to_raw(mesh.vertices)))
-    owner, _ = state.cage.assign(state.similarity.to_canonical(surface.corners().mean(axis=1)))
+    """A state's surface, canonical, as it is given to users."""
+    return cut(mesh, state.cage, state.structure, state.similarity)
+
+
+def cut(mesh: Mesh, cage: Cage, structure: Structure, similarity: Similarity) -> Model:
+    """A canonical surface in the user's frame, cut by cuboid, with the cuboids; `similarity` is raw → canonical.
+
+    Raises InputError for a place or size that files can't hold; see `exports.as_stored`.
+    """
+    names = part_names(structure)
     cuboids = {
-        names[part]: Mesh(state.similarity.to_raw(corners), CUBE_FACES)
-        for part, corners in zip(state.cage.part_ids, state.cage.corners())
+        names[part]: Mesh(similarity.to_raw(corners), CUBE_FACES)
+        for part, corners in zip(cage.part_ids, cage.corners())
     }
-    return Model(surface, owner, cuboids)
+    raw = mesh.with_vertices(similarity.to_raw(mesh.vertices))
+    return Model.of(raw, cuboids, lambda middles: cage.assign(similarity.to_canonical(middles))[0])

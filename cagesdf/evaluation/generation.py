@@ -13,6 +13,12 @@ FEATURES = ("fd", "kpd")  # that need features alone
 FIGURES = (
     *FEATURES, "gen", "cov", "var", "gen_squared", "cov_squared", "var_squared", "coverage", "told_apart",
 )  # fmt: skip
+# Figures of a set without any shape: the worst where there is one, undefined where distances have no end.
+NOTHING = {
+    **dict.fromkeys(FIGURES, float("nan")),
+    **dict.fromkeys(("gen", "var", "gen_squared", "var_squared", "coverage"), 0.0),
+    "told_apart": 1.0,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +82,20 @@ def drawn(reference: Described, count: int, most: int, rng: np.random.Generator)
 def score(generated: Described, train: Described, reference: Described, draws: Sequence[Draw]) -> Scored:
     """All figures; those of two sets of one size are means over `draws`, each against as many generated shapes.
 
-    `reference` must not hold the generated shapes themselves: to score references, leave them out.
+    `reference` must not hold the generated shapes themselves: to score references, leave them out. A figure that
+    too few shapes leave undefined is NaN: of one shape FD, KPD, COV and 1-NNA; of none also the distances of
+    references, while the others are the worst there are.
     """
+    if len(generated) == 0:
+        return Scored(dict(NOTHING), np.zeros(0, np.int64), np.zeros(0))
+    if len(generated) == 1:
+        draws = ()
     to_train = chamfer(generated.points, train.points)
     to_reference = chamfer(generated.points, reference.points)
     own = [np.where(np.eye(len(generated), dtype=bool), np.inf, d) for d in chamfer(generated.points, generated.points)]
     failed = generated.failed
-    figures = feature_figures(generated.features, reference.features)
+    undefined = dict.fromkeys(FEATURES, np.nan)
+    figures = feature_figures(generated.features, reference.features) if len(generated) > 1 else undefined
     for suffix, train_distance, distance, among in zip(("", "_squared"), to_train, to_reference, own):
         figures["gen" + suffix] = float(np.where(failed, 0, train_distance.min(axis=1)).mean())
         figures["cov" + suffix] = float(distance.min(axis=0).mean())

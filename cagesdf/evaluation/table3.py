@@ -79,12 +79,16 @@ def summarise_methods(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]
 
 
 def ordered(methods: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """Names of the methods that networks made, the best first, by each of ORDERED."""
+    """Names of the methods that networks made, the best first, by each of ORDERED; last those that have no figure."""
     made = [entry for entry in methods if entry["arm"] != REAL]
+
+    def rank(entry: Mapping[str, Any], figure: str) -> float:
+        return entry[figure]["mean"] if figure in entry else np.inf
+
     return {
-        figure: [name_of(e["arm"], e["method"]) for e in sorted(made, key=lambda e: e[figure]["mean"])]
+        figure: [name_of(e["arm"], e["method"]) for e in sorted(made, key=lambda e: rank(e, figure))]
         for figure in ORDERED
-        if all(figure in entry for entry in made)
+        if not made or any(figure in entry for entry in made)
     }
 
 

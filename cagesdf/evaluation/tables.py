@@ -60,11 +60,11 @@ def summarise(rows: Rows) -> dict[str, dict[str, float | int | None]]:
     return result
 
 
-def gather_progress(files: Mapping[str, tuple[Rows, Mapping[str, Any]]], rates: Mapping[str, float]) -> dict[str, Any]:
-    """`{"about": …, "categories": {category: {arm: [{"points", "seconds", "held_out", metric: mean}]}}}`.
+def gather_progress(files: Mapping[str, tuple[Rows, Mapping[str, Any]]]) -> dict[str, Any]:
+    """`{"about": …, "categories": {category: {arm: [{"points", "held_out", metric: mean}]}}}`.
 
-    `files[category]` are a file's contents: rows as `io.progress` has them. `rates` are points a second by
-    arm, which make seconds of points. Raises InputError if two files were not measured alike, or an arm has no rate.
+    `files[category]` are a file's contents: rows as `io.progress` has them, `points` those trained on until then.
+    Raises InputError if two files were not measured alike.
     """
     about = [definitions for _, definitions in files.values()]
     if any(other != about[0] for other in about):
@@ -75,10 +75,8 @@ def gather_progress(files: Mapping[str, tuple[Rows, Mapping[str, Any]]], rates: 
         for row in rows:
             groups.setdefault((row["arm"], row["points"]), []).append(row)
         for (arm, points), some in sorted(groups.items()):
-            if arm not in rates:
-                raise InputError(f"report.rates: has no arm {arm}; wanted the points a second that it trains on")
             means = {name: float(np.mean([row[name] for row in some])) for name in PROGRESS}
-            key = {"points": points, "seconds": points / rates[arm], "held_out": all(row["held_out"] for row in some)}
+            key = {"points": points, "held_out": all(row["held_out"] for row in some)}
             categories.setdefault(category, {}).setdefault(arm, []).append(key | means)
     return {"about": dict(about[0]) if about else {}, "categories": categories}
 

@@ -13,8 +13,8 @@ from cagesdf.errors import InputError
 from cagesdf.frames import HALF_EXTENT, OUTSIDE
 from cagesdf.models.decoders import Decoder
 
-GROUP = 512  # points that go through the network together: what the layers write stays in the processor's cache
-ROWS = 16  # numbers of points are rounded up to this: vector units treat what is left over otherwise
+GROUP = 480  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
+ROWS = 96  # numbers of points are rounded up to this: libraries compute what is left over of their blocks otherwise
 
 # From each point's depth in each cuboid (canonical, ≤ 0; inf where that doesn't contain it) and what the network says
 # in each of these: the field.

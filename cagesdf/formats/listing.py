@@ -1,89 +1,170 @@
-"""Which shapes a folder holds, in which format each is, and which are for validation.
+"""The shapes of a folder, the format of each, and those held out for validation.
 
 A category folder may mix
 
     <shape>/result_after_merging.json     PartNet; hierarchy in <anything>_hier/<shape>.json if there is one
-    <shape>/*.obj, .ply, .stl, .glb       one file a part
-    <shape>.obj, <shape>.glb              one file, a part in each group or scene node
+    <shape>/<part>.<suffix>               a mesh file a part
+    <shape>.<suffix>                      a mesh file a shape, a part in each group or scene node
 
-each with a ShapeAssembly program in <anything>_programs/<shape>.txt if there is one: then its
-leaves are the shape's parts, whatever the other files call parts. A folder may also
-hold `train.txt` and `val.txt` with an id on each line (as does StructureNet's folder of
-hierarchies). With a train.txt, a shape that it doesn't list is for validation, since it may be
-of a test set; else the shapes in val.txt are; else none is.
+with MESH_SUFFIXES, each with a ShapeAssembly program in <anything>_programs/<shape>.txt if there is one: then its
+leaves are the shape's parts, whatever the other files call parts. A shape's id is the name of its folder or file, as
+`splits.composed` spells it; hierarchies and programs are found by exactly this name.
+
+`train.txt` and `val.txt`, in the folder itself or else in those of hierarchies, as StructureNet has them, say which
+shapes are held out: `splits.py` has the rules.
+
+Everything else is no shape and is noted: folders without a mesh, mesh formats that aren't read, other files. Hidden
+files and those of JUNK, which operating systems leave, are passed over.
 """
 
-from dataclasses import dataclass
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats import shapeassembly, structurenet
-from cagesdf.formats.partnet import TREE, read_candidates, read_partnet
-from cagesdf.formats.parts_folder import MESH_SUFFIXES, SCENE_SUFFIXES, part_files, read_parts_file, read_parts_folder
-from cagesdf.formats.shapeassembly import find_program, read_assembly
-from cagesdf.formats.structurenet import find_hierarchy
+from cagesdf.formats.partnet import MESH_FOLDERS, TREE, read_candidates, read_partnet
+from cagesdf.formats.parts_folder import MESH_SUFFIXES, part_files, read_parts_file, read_parts_folder
+from cagesdf.formats.shapeassembly import read_assembly
+from cagesdf.formats.splits import TRAIN, VAL, composed, several, splits
 from cagesdf.meshes import Mesh
 from cagesdf.shape import RawShape
+
+JUNK = {"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "@eadir", "lost+found"}
+# Mesh and CAD formats that aren't read, and archives; those that MESH_SUFFIXES gains drop out.
+FOREIGN = {
+    ".3dm", ".3ds", ".3mf", ".7z", ".abc", ".amf", ".blend", ".c4d", ".ctm", ".dae", ".drc", ".dwg", ".dxf", ".fbx",
+    ".gltf", ".gz", ".iges", ".igs", ".ifc", ".jt", ".lwo", ".ma", ".max", ".mb", ".mesh", ".msh", ".obj", ".off",
+    ".pcd", ".ply", ".rar", ".skp", ".step", ".stl", ".stp", ".tar", ".tgz", ".usd", ".usda", ".usdc", ".usdz", ".vrm",
+    ".vtk", ".vtp", ".wrl", ".x", ".x3d", ".xyz", ".zip",
+} - {*MESH_SUFFIXES}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class ShapeSource:
-    """Where one shape is; nothing of it has been read."""
+    """The place of one shape; nothing of it has been read."""
 
-    shape_id: str  # unique in its category
+    shape_id: str  # unique in its category, Unicode NFC
     split: str  # "train" or "val"
     path: Path  # its folder or file
     hierarchy: Path | None  # StructureNet's JSON
     program: Path | None  # ShapeAssembly's text
 
 
-def list_shapes(folder: Path, include: str) -> list[ShapeSource]:
-    """The shapes of a category folder whose id fits the glob `include`, sorted by id.
+@dataclass(frozen=True)
+class Listing:
+    """The shapes of a folder, and notes on everything else in it."""
 
-    Raises InputError if there is no such folder, no shape fits, or two have the same id.
+    shapes: tuple[ShapeSource, ...]  # sorted by id
+    notes: tuple[str, ...]  # a line each: entries that are no shape and why, ids that name none
+
+    def __iter__(self) -> Iterator[ShapeSource]:
+        return iter(self.shapes)
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+
+@dataclass
+class _Entries:
+    """The entries of a category folder, by what they are."""
+
+    shapes: list[tuple[str, Path]] = field(default_factory=list)  # id, folder or file
+    hierarchies: list[Path] = field(default_factory=list)  # folders
+    programs: list[Path] = field(default_factory=list)  # folders
+    lists: dict[str, list[Path]] = field(default_factory=lambda: {TRAIN: [], VAL: []})
+    foreign: list[str] = field(default_factory=list)  # files of FOREIGN
+    empty: list[str] = field(default_factory=list)  # folders without a mesh
+    unnamed: list[str] = field(default_factory=list)  # names that are no text
+    closed: list[str] = field(default_factory=list)  # folders that can't be opened, and why
+    others: list[str] = field(default_factory=list)  # files
+
+    def notes(self) -> Iterator[str]:
+        """A line a kind of entry that is no shape."""
+        if self.foreign:
+            yield f"not read: {several(self.foreign)}; export or unpack them as one of {', '.join(MESH_SUFFIXES)}"
+        if self.empty:
+            yield f"no shapes, as no mesh lies in these folders: {several(self.empty)}"
+        if self.unnamed:
+            yield f"no shapes, as their names are no text: {several(self.unnamed)}; rename them"
+        if self.closed:
+            yield f"no shapes, as they can't be opened: {several(self.closed)}"
+        if self.others:
+            yield f"no shapes: {several(self.others)}"
+
+
+def list_shapes(folder: Path, include: str) -> Listing:
+    """The shapes of a category folder that are called `include` or whose id fits it as a glob.
+
+    Raises InputError if there is no such folder, no shape fits, two have the same id, or a list can't be read.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; wanted one with a folder or file for each shape")
     if (folder / TREE).is_file():
         raise InputError(f"{folder}: is a single PartNet shape; give the folder that holds it")
+    fits = composed(include)
+    entries = _entries(folder, fits)
     places: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):
-        shape_id = _shape_id(path)
-        if shape_id is None or not fnmatchcase(shape_id, include):
-            continue
+    for shape_id, path in entries.shapes:
         if shape_id in places:
-            raise InputError(f"{folder}: {places[shape_id].name} and {path.name} would both be shape {shape_id}")
+            raise InputError(
+                f"{folder}: {places[shape_id].name} and {path.name} would both be shape {shape_id}; rename one"
+            )
         places[shape_id] = path
-    if not places:
-        raise InputError(f"{folder}: no folder, .obj or .glb file fits include {include!r}; each would be one shape")
-    train, val = _read_ids(folder, "train"), _read_ids(folder, "val")
-
-    def split(shape_id: str) -> str:
-        held_out = shape_id not in train if train is not None else shape_id in (val or ())
-        return "val" if held_out else "train"
-
-    return [
-        ShapeSource(shape_id, split(shape_id), path, find_hierarchy(folder, shape_id), find_program(folder, shape_id))
-        for shape_id, path in sorted(places.items())
+    shapes = sorted(shape_id for shape_id in places if _fits(shape_id, fits))
+    notes = list(entries.notes())
+    if not shapes:
+        raise InputError(
+            "; ".join([f"{folder}: no folder or mesh file fits include {include!r}; each would be one shape", *notes])
+        )
+    if len(shapes) > 1 and all(path.is_file() for path in places.values()):
+        notes.append(
+            f"each mesh file is a shape; parts of one shape belong into a folder of their own, {folder.name}/<shape>"
+        )
+    train, val = (entries.lists[name] for name in (TRAIN, VAL))
+    if not train and not val:
+        train, val = ([f / name for f in entries.hierarchies if (f / name).is_file()] for name in (TRAIN, VAL))
+    split, open_ids = splits(shapes, places.keys(), train, val)
+    hierarchies, programs = _by_id(entries.hierarchies, ".json"), _by_id(entries.programs, ".txt")
+    for kind, files in (("hierarchies", hierarchies), ("programs", programs)):
+        if files and not files.keys() & places.keys():
+            notes.append(f"none of the {len(files):,} {kind} is called like a shape: {several(sorted(files))}")
+    sources = [
+        ShapeSource(shape_id, split[shape_id], places[shape_id], hierarchies.get(shape_id), programs.get(shape_id))
+        for shape_id in shapes
     ]
+    return Listing(tuple(sources), (*notes, *open_ids))
 
 
-def find_shapes(path: Path) -> list[ShapeSource]:
-    """The shapes at a path: a mesh file, a folder of part meshes, a PartNet shape, or a folder of shapes.
+def find_shapes(path: Path, include: str) -> Listing:
+    """The shapes at a path: a mesh file, a PartNet shape, or those of a category folder as `list_shapes` has them.
 
-    Meshes side by side are the parts of one shape, which is taken by itself, without hierarchies
-    or programs beside it. Raises InputError if nothing of the kind is there.
+    Raises InputError if nothing of the kind is there.
     """
+    single = not path.is_dir() or (path / TREE).is_file()
+    return Listing((find_shape(path),), ()) if single else list_shapes(path, include)
+
+
+def find_shape(path: Path) -> ShapeSource:
+    """The one shape at a path: a mesh file, a PartNet shape, or a folder of part meshes.
+
+    It is taken by itself, without hierarchies or programs beside it. Raises InputError if nothing of the kind is
+    there.
+    """
+    wanted = f"wanted one {', '.join(MESH_SUFFIXES)} file, or a folder of them"
     if path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
-        return [ShapeSource(path.stem, "train", path, None, None)]
+        return ShapeSource(composed(path.stem), "train", path, None, None)
     if not path.is_dir():
-        known = "no such file or folder" if not path.exists() else "no mesh"
-        raise InputError(f"{path}: {known}; wanted one {', '.join(MESH_SUFFIXES)} file, or a folder of them")
-    if (path / TREE).is_file() or part_files(path):
-        return [ShapeSource(path.resolve().name, "train", path, None, None)]
-    return list_shapes(path, "*")
+        raise InputError(f"{path}: {'is no mesh' if path.exists() else 'no such file or folder'}; {wanted}")
+    if _holds_shape(path):
+        return ShapeSource(composed(path.resolve().name), "train", path, None, None)
+    shapes = [shape_id for shape_id, _ in _entries(path, "*").shapes]
+    if shapes:
+        raise InputError(f"{path}: holds {len(shapes):,} shapes, such as {shapes[0]}; name one")
+    raise InputError(f"{path}: holds no mesh; {wanted}")
 
 
 def read_shape(source: ShapeSource) -> RawShape:
@@ -99,32 +180,87 @@ def read_shape(source: ShapeSource) -> RawShape:
 def _read_parts(source: ShapeSource) -> RawShape:
     if source.path.is_file():
         return read_parts_file(source.path, source.shape_id, source.split)
-    if (source.path / TREE).is_file():
+    if _is_partnet(source.path):
         return read_partnet(source.path, source.shape_id, source.split, source.hierarchy)
     return read_parts_folder(source.path, source.shape_id, source.split)
 
 
 def _read_candidates(source: ShapeSource) -> tuple[list[Candidate], dict[str, Mesh]]:
-    """What the leaves of a shape's program may stand for, and all its meshes."""
-    if (source.path / TREE).is_file():
+    """The meshes that the leaves of a shape's program may stand for, and all its meshes by name."""
+    if _is_partnet(source.path):
         return read_candidates(source.path)
     parts = _read_parts(source).parts
     candidates = [Candidate(part.part_id, part.label, (part.part_id,)) for part in parts]
     return candidates, {part.part_id: part.mesh for part in parts}
 
 
-def _shape_id(path: Path) -> str | None:
-    if path.name.startswith("."):
-        return None
-    if path.is_dir():
-        return None if path.name.endswith((structurenet.SUFFIX, shapeassembly.SUFFIX)) else path.name
-    return path.stem if path.suffix.lower() in SCENE_SUFFIXES else None
+def _entries(folder: Path, fits: str) -> _Entries:
+    """What the entries of a folder are. Of those that are no shapes, only the ones that fit are named."""
+    entries = _Entries()
+    for path in sorted(folder.iterdir()):
+        name = composed(path.name)
+        if name.startswith(".") or name.casefold() in JUNK:
+            continue
+        if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
+            entries.unnamed.append(ascii(name))
+        elif path.is_dir():
+            _enter_folder(entries, name, path, _fits(name, fits))
+        elif path.is_file() and name.casefold() in entries.lists:
+            entries.lists[name.casefold()].append(path)
+        elif path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
+            entries.shapes.append((composed(path.stem), path))
+        elif _fits(composed(path.stem), fits):
+            (entries.foreign if path.suffix.lower() in FOREIGN else entries.others).append(name)
+    return entries
 
 
-def _read_ids(folder: Path, split: str) -> frozenset[str] | None:
-    """The ids that a split's file lists, None if there is none; the category folder's wins over the hierarchies'."""
-    files = [folder / f"{split}.txt", *sorted(folder.glob(f"*{structurenet.SUFFIX}/{split}.txt"))]
-    for path in files:
-        if path.is_file():
-            return frozenset(path.read_text(encoding="utf-8").split())
-    return None
+def _enter_folder(entries: _Entries, name: str, path: Path, fits: bool) -> None:
+    if name.endswith(structurenet.SUFFIX):
+        entries.hierarchies.append(path)
+        return
+    if name.endswith(shapeassembly.SUFFIX):
+        entries.programs.append(path)
+        return
+    try:
+        shape, foreign = _holds_shape(path), _foreign(path)
+    except OSError as error:
+        entries.closed.append(f"{name} ({error.strerror})")
+        return
+    if shape:
+        entries.shapes.append((name, path))
+    elif fits:
+        entries.empty.append(name)
+    if fits:
+        entries.foreign += [f"{name}/{composed(file.name)}" for file in foreign]
+
+
+def _fits(shape_id: str, include: str) -> bool:
+    return shape_id == include or fnmatchcase(shape_id, include)
+
+
+def _holds_shape(folder: Path) -> bool:
+    return _is_partnet(folder) or bool(part_files(folder))
+
+
+def _is_partnet(path: Path) -> bool:
+    """Whether it is a PartNet shape, or one whose tree is missing."""
+    return (path / TREE).is_file() or (any((path / name).is_dir() for name in MESH_FOLDERS) and not part_files(path))
+
+
+def _foreign(folder: Path) -> list[Path]:
+    files = (path for path in folder.iterdir() if path.suffix.lower() in FOREIGN and path.is_file())
+    return sorted(path for path in files if not path.name.startswith("."))
+
+
+def _by_id(folders: Sequence[Path], suffix: str) -> dict[str, Path]:
+    """The files of some folders by the shape they are called after; that of the first folder wins."""
+    files: dict[str, Path] = {}
+    for path in _files(folders):
+        if path.suffix.lower() == suffix and path.name.casefold() not in (TRAIN, VAL):
+            files.setdefault(composed(path.stem), path)
+    return files
+
+
+def _files(folders: Iterable[Path]) -> Iterator[Path]:
+    for folder in folders:
+        yield from (path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith("."))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from cagesdf.alignment import Candidate, align
 from cagesdf.errors import InputError
+from cagesdf.formats.splits import TRAIN, VAL
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.assembly import Assembly
@@ -16,12 +17,6 @@ SUFFIX = "_programs"
 # A published folder holds train.txt and val.txt beside its programs, or within: an id on each line.
 IDS = re.compile(rb"[\r\n]*[\w.@-][\w.@\r\n-]*")
 HEAD = 65_536  # bytes by which a list of ids is known
-
-
-def find_program(category: Path, shape_id: str) -> Path | None:
-    """The program of a shape, in a folder `<anything>_programs` beside the shapes'; None if there is none."""
-    paths = sorted(category.glob(f"*{SUFFIX}/{shape_id}.txt"))
-    return paths[0] if paths else None
 
 
 def read_assembly(
@@ -57,7 +52,8 @@ def list_programs(paths: Iterable[Path]) -> list[Path]:
         if path.is_file():
             found.append(path)
             continue
-        inside = [file for file in sorted(path.rglob("*.txt")) if file.is_file() and not _is_list(file)]
+        files = (file for file in sorted(path.rglob("*.txt")) if file.is_file() and not file.name.startswith("."))
+        inside = [file for file in files if not _is_list(file)]
         if not inside:
             raise InputError(f"{path}: no programs in it; wanted .txt files that begin with Assembly NAME {{")
         found += inside
@@ -65,5 +61,7 @@ def list_programs(paths: Iterable[Path]) -> list[Path]:
 
 
 def _is_list(file: Path) -> bool:
+    if file.name.casefold() in (TRAIN, VAL):
+        return True
     with file.open("rb") as content:
         return IDS.fullmatch(content.read(HEAD)) is not None

@@ -5,16 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from cagesdf.errors import InputError
-from cagesdf.formats.content import read_bounded
 from cagesdf.structure.hierarchy import PartHierarchy
 
 SUFFIX = "_hier"
-
-
-def find_hierarchy(category: Path, shape_id: str) -> Path | None:
-    """The hierarchy of a shape, in a folder `<anything>_hier` beside the shapes'; None if there is none."""
-    paths = sorted(category.glob(f"*{SUFFIX}/{shape_id}.json"))
-    return paths[0] if paths else None
+MAX_BYTES = 16 * 2**20  # of a JSON file; lists of its size still fit into memory
 
 
 def read_hierarchy(path: Path) -> PartHierarchy:
@@ -29,10 +23,20 @@ def read_hierarchy(path: Path) -> PartHierarchy:
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file. Raises InputError naming it if it is missing or broken."""
+    """A JSON file in UTF-8, UTF-16 or UTF-32, with a byte order mark or without.
+
+    Raises InputError naming it if it is missing, broken, larger than MAX_BYTES, or has strings that are no text.
+    """
     try:
-        return json.loads(read_bounded(path))
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: has {path.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: can't be read ({error.strerror}); download it again") from error
+    try:
+        content = json.loads(text)
+        # Half of a surrogate pair can be written as JSON, but not be stored as text.
+        json.dumps(content, ensure_ascii=False).encode("utf-8")
     except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{path}: is no readable JSON ({error}); download it again") from error
+    return content

@@ -13,15 +13,16 @@ Figures = dict[str, int | float]
 def sample_figures(samples: Samples, known: Known) -> Figures:
     """Of a number of draws.
 
-    `drawn`, `valid`, `copies` (of a known shape, by novelty.TOLERANCE), `new_cages` (of a known structure),
-    `new_structures`, `structures` (different ones among the valid), and `difference`, the median over `new_cages` and
-    `copies` from the nearest known shape.
+    `drawn`, `valid`, `floating` (cuboids of these that were attached to nothing and left out), `copies` (of a known
+    shape, by novelty.TOLERANCE), `new_cages` (of a known structure), `new_structures`, `structures` (different ones
+    among the valid), and `difference`, the median over `new_cages` and `copies` from the nearest known shape.
     """
     apart = np.array([known.nearest(item.structure, item.cage)[1] for item in samples.kept])
     seen = apart[np.isfinite(apart)]
     return {
         "drawn": len(samples.kept) + sum(samples.failures.values()),
         "valid": len(samples.kept),
+        "floating": sum(item.floating for item in samples.kept),
         "copies": int((seen <= TOLERANCE).sum()),
         "new_cages": int((seen > TOLERANCE).sum()),
         "new_structures": int(np.isinf(apart).sum()),

@@ -56,6 +56,14 @@ ASIDE = 0.25  # share of the root bbox's longest side that a part may leave it b
 COPIES = (REFLECT, TRANSLATE)
 
 
+@dataclass(frozen=True)
+class Written:
+    """A program that was written from a code."""
+
+    program: AssemblyProgram
+    floating: int  # cuboids that it declared and attached to nothing: they are left out
+
+
 @dataclass(frozen=True, eq=False)
 class _Draft:
     """A block that is being written."""
@@ -66,10 +74,11 @@ class _Draft:
 
 
 @torch.no_grad()
-def decode(decoder: Decoder, codes: Float[Tensor, "s d"]) -> list[AssemblyProgram | str]:
+def decode(decoder: Decoder, codes: Float[Tensor, "s d"]) -> list[Written | str]:
     """For each code its program, or why there is none."""
     written: list[list[BlockTokens]] = [[] for _ in codes]
     named = [1 for _ in codes]  # blocks that a program has, those still to be written among them
+    floating = [0 for _ in codes]
     failures: dict[int, str] = {}
     waiting = list(enumerate(decoder.root(codes)))
     for depth in range(MAX_LEVELS):
@@ -82,10 +91,11 @@ def decode(decoder: Decoder, codes: Float[Tensor, "s d"]) -> list[AssemblyProgra
             tokens, inner = _finished(draft, named[sample])
             written[sample].append(tokens)
             named[sample] += len(inner)
+            floating[sample] += len(draft.rules.names) - 1 - len(draft.rules.attached())
             waiting += [(sample, code) for code in inner]
         failures |= {sample: "too many blocks" for sample, count in enumerate(named) if count > MAX_BLOCKS}
         waiting = [(sample, code) for sample, code in waiting if sample not in failures]
-    return [failures.get(sample) or _checked(blocks) for sample, blocks in enumerate(written)]
+    return [failures.get(sample) or _checked(*parts) for sample, parts in enumerate(zip(written, floating))]
 
 
 def _write(
@@ -193,7 +203,7 @@ def _finished(draft: _Draft, number: int) -> tuple[BlockTokens, list[Tensor]]:
     return BlockTokens(draft.rules.size, lines, filling), inner
 
 
-def _checked(blocks: Sequence[BlockTokens]) -> AssemblyProgram | str:
+def _checked(blocks: Sequence[BlockTokens], floating: int) -> Written | str:
     """The program, unless its parts are far from its bbox or nowhere."""
     try:
         program = program_of(tuple(blocks))
@@ -202,4 +212,4 @@ def _checked(blocks: Sequence[BlockTokens]) -> AssemblyProgram | str:
         return "degenerate numbers"
     size = np.array(program.blocks[0].size)
     aside = (np.abs(corners) - size / 2).max() > ASIDE * size.max()
-    return "part outside the program's bbox" if aside else program
+    return "part outside the program's bbox" if aside else Written(program, floating)

@@ -17,6 +17,7 @@ class Generated:
 
     structure: Structure
     cage: Cage  # canonical: centred, its farthest corner as far out as the training cages' is in the median
+    floating: int = 0  # cuboids of it that were attached to nothing and left out
 
 
 @dataclass(frozen=True)

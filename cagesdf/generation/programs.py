@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from cagesdf.frames import Similarity
-from cagesdf.generation.decoding import decode
+from cagesdf.generation.decoding import Written, decode
 from cagesdf.generation.generator import Generated, Generator, Samples, samples_of
 from cagesdf.generation.novelty import standing
 from cagesdf.generation.program_vae import ProgramVAE
@@ -27,20 +27,17 @@ class ProgramGenerator(Generator):
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
         """As for any generator; the normal numbers are the programs' codes."""
         codes = temperature * rng.standard_normal((count, self.model.code))
-        programs = decode(self.model.decoder, torch.from_numpy(codes).float())
-        return samples_of([program if isinstance(program, str) else self.placed(program) for program in programs])
+        written = decode(self.model.decoder, torch.from_numpy(codes).float())
+        return samples_of([item if isinstance(item, str) else self.placed(item) for item in written])
 
-    def placed(self, program: AssemblyProgram) -> Generated:
+    def placed(self, written: Written) -> Generated:
         """A program where a shape's would be."""
-        similarity: Similarity = standing(execute(program), self.reach)
-        assembly = Assembly(program, similarity)
-        return Generated(assembly, assembly.cage())
+        similarity: Similarity = standing(execute(written.program), self.reach)
+        assembly = Assembly(written.program, similarity)
+        return Generated(assembly, assembly.cage(), written.floating)
 
     def rebuilt(self, programs: Mapping[str, AssemblyProgram]) -> dict[str, Generated | str]:
         """What becomes of programs that are written from their own mean codes, or why nothing does."""
         codes = self.model.codes([tokens_of(program) for program in programs.values()])
         written = decode(self.model.decoder, codes)
-        return {
-            name: program if isinstance(program, str) else self.placed(program)
-            for name, program in zip(programs, written)
-        }
+        return {name: item if isinstance(item, str) else self.placed(item) for name, item in zip(programs, written)}

@@ -10,18 +10,31 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import safetensors
 from jaxtyping import Float
 from numpy import ndarray
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 
 from cagesdf.errors import InputError
+from cagesdf.io.weights import (
+    MAX_WIDTH,
+    filled,
+    parse_description,
+    planned,
+    read_description,
+    read_header,
+    read_tensors,
+    sizes_of,
+    whole,
+    wholes,
+)
 from cagesdf.models.pointnet import PointNet
 
 KIND = "features"
 VERSION = 1
 KEY = "cagesdf"
 FILE = "features.safetensors"
+MAX_CLASSES = 100_000
+MAX_POINTS = 1_000_000  # of a cloud
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,38 +81,27 @@ def write_features(folder: Path, features: Features, accuracy: Mapping[str, Any]
 
 def read_accuracy(folder: Path) -> dict[str, Any]:
     """What `write_features` was told of the classifier's accuracy. Raises InputError for a missing or damaged file."""
-    path = folder / "accuracy.json"
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: can't be read ({error}); rerun train_features") from error
+    return read_description(folder / "accuracy.json")
 
 
 def read_features(path: Path) -> Features:
     """A classifier from a file as `write_features` writes it, trained here or elsewhere.
 
-    Raises InputError, with the file's name, for one that is missing, damaged or something else, and for weights
-    that aren't finite or don't have the sizes that the file says.
+    Raises InputError, with the file's name, for one that is missing, damaged or something else, for sizes out of
+    bounds, and for weights that aren't finite or don't have the sizes that the file says.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; wanted a classifier's weights as train_features writes them")
-    try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            about = json.loads((file.metadata() or {})[KEY])
-        kind, version = about["kind"], about["version"]
-        widths, hidden, points = tuple(map(int, about["widths"])), int(about["hidden"]), int(about["points"])
-        classes, weights = tuple(map(str, about["classes"])), load_file(path)
-    except (safetensors.SafetensorError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: is no classifier of this project ({error!r})") from error
-    if (kind, version) != (KIND, VERSION):
-        raise InputError(f"{path}: holds {kind} version {version}, wanted {KIND} version {VERSION}")
-    if not widths or min(*widths, hidden, points, len(classes)) < 1:
-        raise InputError(f"{path}: wanted widths, hidden, points and classes of at least one, got {about}")
-    model = PointNet(widths, hidden, len(classes))
-    try:
-        model.load_state_dict(weights)
-    except RuntimeError as error:
-        raise InputError(f"{path}: its weights are not of the sizes that it names ({error})") from error
-    if not all(bool(tensor.isfinite().all()) for tensor in weights.values()):
-        raise InputError(f"{path}: has weights that are NaN or infinite")
-    return Features(model.eval().requires_grad_(False), widths, hidden, classes, points)
+    _, metadata = read_header(path)
+    if KEY not in metadata:
+        raise InputError(f"{path}: is no classifier of this project, its metadata have no {KEY}")
+    about = parse_description(metadata[KEY], path)
+    if about.get("kind") != KIND or about.get("version") != VERSION:
+        got = f"{about.get('kind')!s:.60} version {about.get('version')!s:.60}"
+        raise InputError(f"{path}: holds {got}, wanted {KIND} version {VERSION}")
+    widths, hidden = wholes(about, "widths", 1, MAX_WIDTH, path), whole(about, "hidden", 1, MAX_WIDTH, path)
+    points, classes = whole(about, "points", 1, MAX_POINTS, path), about.get("classes")
+    if not widths:
+        raise InputError(f"{path}: wanted widths of at least one layer, got none")
+    if not isinstance(classes, list) or not 1 <= len(classes) <= MAX_CLASSES or not {*map(type, classes)} <= {str}:
+        raise InputError(f"{path}: wanted 1 to {MAX_CLASSES:,} names of classes, got {str(classes)[:60]}")
+    model = planned(lambda: PointNet(widths, hidden, len(classes)))
+    return Features(filled(model, read_tensors(path, sizes_of(model))), widths, hidden, tuple(classes), points)

@@ -11,16 +11,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import safetensors
 from jaxtyping import Float
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 from torch import Tensor
 
 from cagesdf.errors import InputError
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
-from cagesdf.io.meshes import write_ply
-from cagesdf.meshes import Mesh
+from cagesdf.io.exports import Model, write_model
+from cagesdf.io.weights import read_header, read_tensors
 
 FILES = ("cuboids.parquet", "programs.parquet", "latent.safetensors", "surface.ply", "report.json")
 LATENT = "latent.safetensors"
@@ -31,14 +30,14 @@ def write_fit(
     fitted: FittedCage,
     latent: Float[Tensor, " d"],
     film: Float[Tensor, "p l 2 h"],
-    surface: Mesh,
+    surface: Model,
     report: Mapping[str, Any],
 ) -> None:
-    """Write FILES into an existing folder; `surface` is raw, the cuboids canonical. `report` names the shape."""
+    """Write FILES into an existing folder; `cuboids.parquet` is canonical. `report` names the shape."""
     write_cuboids(folder, {report["shape_id"]: fitted})
     tensors = {"latent": latent, "film": film}
     (folder / LATENT).write_bytes(save({name: value.detach().cpu().contiguous() for name, value in tensors.items()}))
-    write_ply(folder / "surface.ply", surface)
+    write_model(folder / "surface.ply", surface)
     text = json.dumps(report, indent=1, ensure_ascii=False) + "\n"
     (folder / "report.json").write_text(text, encoding="utf-8", newline="\n")
 
@@ -48,11 +47,10 @@ def read_fit_latent(folder: Path) -> tuple[Float[Tensor, " d"], Float[Tensor, "p
     path = folder / LATENT
     if not path.is_file():
         raise InputError(f"{path}: no such file; wanted a folder that `cagesdf fit` wrote")
-    try:
-        tensors = load_file(path)
-    except safetensors.SafetensorError as error:
-        raise InputError(f"{path}: is damaged ({error}); run `cagesdf fit` again") from error
-    sizes = {name: tuple(tensor.shape) for name, tensor in sorted(tensors.items())}
+    sizes, _ = read_header(path)
     if {name: len(size) for name, size in sizes.items()} != {"film": 4, "latent": 1} or sizes["film"][2] != 2:
-        raise InputError(f"{path}: holds {sizes}, wanted latent (d) and film (p, l, 2, h); run `cagesdf fit` again")
+        raise InputError(
+            f"{path}: holds {str(sizes)[:200]}, wanted latent (d) and film (p, l, 2, h); run `cagesdf fit` again"
+        )
+    tensors = read_tensors(path, sizes)
     return tensors["latent"], tensors["film"]

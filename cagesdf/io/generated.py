@@ -32,7 +32,7 @@ KEYS = (
 )
 INDEX = Layout(
     "generated",
-    1,
+    2,
     (
         *KEYS,
         Column("seed", pa.int64(), "that it was drawn with"),
@@ -40,6 +40,7 @@ INDEX = Layout(
         Column("structure", pa.string(), "JSON: a placed program, or a part hierarchy; empty without cuboids"),
         Column("part_ids", pa.list_(pa.string()), "in the structure's order"),
         Column("cuboids", pa.list_(pa.float64()), "of each part in turn: centre (3), axes by rows (9), lengths (3)"),
+        Column("floating", pa.int32(), "cuboids that were drawn attached to nothing, and left out"),
         Column("latent", pa.list_(pa.float32()), "the code"),
         Column("effective", pa.float64(), "1 / sum of the squared weights that its code's kernel was drawn by"),
         Column("status", pa.string(), f"{OK}; {EMPTY}: the network says outside everywhere; {BROKEN}: and why"),
@@ -82,6 +83,7 @@ class GeneratedShape:
     draw: int  # number of its cage's draw
     structure: Structure | None  # canonical; None where the arm knows no cuboids
     cage: Cage  # canonical; no cuboids where the arm knows none
+    floating: int  # cuboids that were drawn attached to nothing, and left out
     latent: Float32[ndarray, " d"]
     effective: float  # number of kernels that its code could be from
     status: str  # OK, EMPTY, or BROKEN and why
@@ -103,6 +105,7 @@ class GeneratedShape:
             "structure": self.structure.to_json() if self.structure is not None else "",
             "part_ids": list(self.cage.part_ids),
             "cuboids": self.cage.vectors().ravel(),
+            "floating": self.floating,
             "latent": self.latent,
             "effective": self.effective,
             "status": self.status,
@@ -156,8 +159,8 @@ class GeneratedFolder:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The methods that codes were drawn by."""
-        return tuple(dict.fromkeys(method for method, _ in self.rows))
+        """The methods that codes were drawn by, those that no shape came of last."""
+        return tuple(dict.fromkeys([*(method for method, _ in self.rows), *self.about.get("methods", ())]))
 
     def cage(self, method: str, shape_id: str) -> Cage:
         """The cuboids of one shape; none where the arm knows none. Raises InputError if there is no such shape."""
@@ -169,15 +172,28 @@ class GeneratedFolder:
         text = self._row(method, shape_id)["structure"]
         return read_structure(text) if text else None
 
+    def ids(self, method: str) -> tuple[str, ...]:
+        """Ids of a method's shapes, in the index's order."""
+        return tuple(shape_id for name, shape_id in self.rows if name == method)
+
     def points(self, method: str) -> dict[str, Float32[ndarray, "n 3"]]:
-        """Points on the surfaces of a method's shapes, by shape id; none of those that have no surface."""
-        table = POINTS.open(self.folder / "points.parquet").read()
+        """Points on the surfaces of a method's shapes, by shape id, in the index's order; none without a surface.
+
+        Raises InputError if they aren't those of the index's shapes.
+        """
+        path = self.folder / "points.parquet"
+        table = POINTS.open(path).read()
         columns = (table[name] for name in ("method", "shape_id", "points"))
-        return {
+        found = {
             str(shape_id): points.values.to_numpy().reshape(-1, 3)
             for own, shape_id, points in zip(*columns)
             if str(own) == method
         }
+        ids = self.ids(method)
+        if found.keys() != {*ids}:
+            odd = min(found.keys() ^ {*ids})
+            raise InputError(f"{path}: shape {odd!r} of method {method!r} is in it or in index.parquet, wanted in both")
+        return {shape_id: found[shape_id] for shape_id in ids}
 
     def surface(self, method: str, shape_id: str) -> Mesh:
         """The surface of one shape, without faces where it has none. Raises InputError if there is no such shape."""

@@ -6,8 +6,8 @@ known.parquet         one row a training shape: what a sample is compared with t
 log.jsonl             the course of the training; empty where nothing was trained
 """
 
+import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +15,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import safetensors
-import torch
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
@@ -28,13 +26,24 @@ from cagesdf.generation.program_vae import ProgramVAE
 from cagesdf.generation.programs import ProgramGenerator
 from cagesdf.generation.proportions import ProportionGenerator, families
 from cagesdf.io.metadata import Column, Layout
+from cagesdf.io.weights import (
+    MAX_WIDTH,
+    filled,
+    planned,
+    positive,
+    read_description,
+    read_tensors,
+    sizes_of,
+    whole,
+)
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure
 
 KIND = "programs"
 VERSION = 1
-MAX_WIDTH = 4096
-GENERATOR, WEIGHTS, LOG = "generator.json", "weights.safetensors", "log.jsonl"
+GENERATOR, WEIGHTS, LOG, SHAPES = "generator.json", "weights.safetensors", "log.jsonl", "known.parquet"
+MANIFEST = "manifest.json"  # of the whole folder, where a stage wrote it: it has each file's digest
+PROPER = 1e-6  # that a known cuboid's axes may differ by from a rotation, and its numbers from those of its program
 KNOWN = Layout(
     "known_structures",
     1,
@@ -81,7 +90,7 @@ def write_generator(
         case other:
             raise TypeError(f"there is no file format for {type(other).__name__}")
     KNOWN.write(
-        folder / "known.parquet",
+        folder / SHAPES,
         [
             {
                 "shape_id": shape_id,
@@ -100,65 +109,80 @@ def read_generator(folder: Path) -> TrainedGenerator:
     """A generator, on the CPU, ready to sample.
 
     Raises InputError, with the file's name, for a folder that isn't one, another version, and files that are
-    missing, damaged or don't belong together.
+    missing, damaged or don't belong together: shapes that are there twice, or not as many as were trained on, parts
+    without a cuboid and cuboids without a part, cuboids that are none or not those of their program, and files that
+    aren't as the manifest has them.
     """
-    content = _read_json(folder / GENERATOR)
-    rows = KNOWN.read(folder / "known.parquet")
+    path = folder / GENERATOR
+    content = read_description(path)
+    if content.get("kind") != KIND or content.get("version") != VERSION:
+        raise InputError(f"{path}: wanted {KIND} version {VERSION}, got {str(content)[:60]}; run train_programs again")
+    rows = KNOWN.read(folder / SHAPES)
     structures = {row["shape_id"]: read_structure(row["structure"]) for row in rows}
-    cages = {row["shape_id"]: _cage(row, folder) for row in rows}
-    if not structures:
-        raise InputError(f"{folder / 'known.parquet'}: has no shapes; run train_programs again")
-    reach = content.get("reach")
-    if not isinstance(reach, float) or not 0 < reach < math.inf:
-        raise InputError(f"{folder / GENERATOR}: wanted a positive reach, got {reach!r}; run train_programs again")
+    _check_count(folder, content, len(structures), len(rows))
+    cages = {row["shape_id"]: _cage(row, structures[row["shape_id"]], folder) for row in rows}
+    _check_digests(folder)
+    reach = positive(content, "reach", path)
     generator: Generator
     if content.get("generator") == ProgramGenerator.__name__:
-        generator = ProgramGenerator(_read_model(folder, content.get("width"), content.get("code")), reach)
+        generator = ProgramGenerator(_read_model(folder, content), reach)
     elif content.get("generator") == ProportionGenerator.__name__:
         generator = ProportionGenerator(families(structures, cages), reach)
     else:
         names = f"{ProgramGenerator.__name__} or {ProportionGenerator.__name__}"
-        raise InputError(f"{folder / GENERATOR}: holds {content.get('generator')!r}, wanted {names}")
+        raise InputError(f"{path}: holds {str(content.get('generator'))[:60]!r}, wanted {names}")
     return TrainedGenerator(generator, structures, cages)
 
 
-def _read_json(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; wanted a folder that the train_programs stage wrote")
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); run train_programs again") from error
-    if not isinstance(content, dict) or content.get("kind") != KIND or content.get("version") != VERSION:
-        raise InputError(f"{path}: wanted {KIND} version {VERSION}, got {str(content)[:60]}; run train_programs again")
-    return content
+def _check_count(folder: Path, content: Mapping[str, Any], shapes: int, rows: int) -> None:
+    if not shapes:
+        raise InputError(f"{folder / SHAPES}: has no shapes; run train_programs again")
+    if rows != shapes:
+        raise InputError(f"{folder / SHAPES}: has {rows} rows of {shapes} shapes, wanted one of each")
+    figures = content.get("figures")
+    if not isinstance(figures, dict):
+        raise InputError(f"{folder / GENERATOR}: wanted an object figures, got {str(figures)[:60]}")
+    if figures.get("rebuilt", shapes) != shapes:
+        wanted = f"{GENERATOR} says that {str(figures['rebuilt'])[:60]} were trained on"
+        raise InputError(f"{folder / SHAPES}: has {shapes} shapes, {wanted}; run train_programs again")
 
 
-def _cage(row: Mapping[str, Any], folder: Path) -> Cage:
+def _cage(row: Mapping[str, Any], structure: Structure, folder: Path) -> Cage:
+    def fail(wanted: str) -> InputError:
+        return InputError(f"{folder / SHAPES}, shape {row['shape_id']}: wanted {wanted}; run train_programs again")
+
     vectors, part_ids = np.array(row["cuboids"], np.float64), tuple(row["part_ids"])
     if vectors.size != 15 * len(part_ids) or not part_ids or not np.isfinite(vectors).all():
-        wanted = f"wanted 15 finite numbers for each of {len(part_ids)} parts"
-        raise InputError(f"{folder / 'known.parquet'}, shape {row['shape_id']}: {wanted}, got {vectors.size}")
-    return Cage.from_vectors(part_ids, vectors.reshape(-1, 15))
+        raise fail(f"15 finite numbers for each of {len(part_ids)} parts, got {vectors.size}")
+    if part_ids != structure.parts():
+        odd = sorted({*part_ids} ^ {*structure.parts()})
+        raise fail(f"a cuboid for each part of its structure, in order; {odd[:1] or 'the order'} differs")
+    cage = Cage.from_vectors(part_ids, vectors.reshape(-1, 15))
+    turned = np.abs(cage.axes @ cage.axes.mT - np.eye(3)).max() > PROPER or (np.linalg.det(cage.axes) < 0).any()
+    if turned or (cage.size <= 0).any():
+        raise fail("cuboids with right-handed unit axes and lengths above 0")
+    if structure.placed_program() is not None and np.abs(structure.cage().vectors() - cage.vectors()).max() > PROPER:
+        raise fail("the cuboids that its program makes")
+    return cage
 
 
-def _read_model(folder: Path, width: Any, code: Any) -> ProgramVAE:
-    path = folder / WEIGHTS
-    if not all(isinstance(size, int) and 1 <= size <= MAX_WIDTH for size in (width, code)):
-        wanted = f"wanted width and code from 1 to {MAX_WIDTH}, got {width!r} and {code!r}"
-        raise InputError(f"{folder / GENERATOR}: {wanted}; run train_programs again")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; run train_programs again")
-    model = ProgramVAE.drawn(width, code, seed=0)
-    try:
-        weights = load_file(path)
-        model.load_state_dict(weights)
-    except (safetensors.SafetensorError, RuntimeError) as error:
-        wanted = f"doesn't hold weights of width {width} and code {code}"
-        raise InputError(f"{path}: {wanted} ({error}); run train_programs again") from error
-    if not all(torch.isfinite(tensor).all() for tensor in weights.values()):
-        raise InputError(f"{path}: holds numbers that aren't finite; run train_programs again")
-    return model.eval().requires_grad_(False)
+def _check_digests(folder: Path) -> None:
+    """Compare the files with those that the manifest is about, if there is one."""
+    if not (folder / MANIFEST).is_file():
+        return
+    files = read_description(folder / MANIFEST).get("files")
+    for name in (GENERATOR, SHAPES, WEIGHTS):
+        entry = files.get(name) if isinstance(files, dict) else None
+        wanted = entry.get("sha256") if isinstance(entry, dict) else None
+        path = folder / name
+        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
+            raise InputError(f"{path}: is not the file that {MANIFEST} is about; run train_programs again")
+
+
+def _read_model(folder: Path, content: Mapping[str, Any]) -> ProgramVAE:
+    width, code = (whole(content, name, 1, MAX_WIDTH, folder / GENERATOR) for name in ("width", "code"))
+    model = planned(lambda: ProgramVAE.drawn(width, code, seed=0))
+    return filled(model, read_tensors(folder / WEIGHTS, sizes_of(model)))
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -42,9 +42,11 @@ INDEX = Layout(
 )
 HEADER = (
     "ply\nformat binary_little_endian 1.0\n"
-    "element vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n"
+    "element vertex {vertices}\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\n"
     "element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
 )
+# PLY's words for the numbers of positions.
+KINDS: dict[str, np.dtype[Any]] = {"float": np.dtype("<f4"), "double": np.dtype("<f8")}
 FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
@@ -149,13 +151,13 @@ def read_surfaces(folder: Path) -> SurfaceFolder:
     return SurfaceFolder(folder)
 
 
-def write_ply(path: Path, mesh: Mesh) -> None:
-    """Write a mesh as binary PLY; positions are rounded to float32."""
+def write_ply(path: Path, mesh: Mesh, kind: str = "float") -> None:
+    """Write a mesh as binary PLY; positions are rounded to `kind`, one of KINDS."""
     faces = np.empty(len(mesh.faces), FACE)
     faces["count"] = 3
     faces["corners"] = mesh.faces
-    header = HEADER.format(vertices=len(mesh.vertices), faces=len(faces))
-    path.write_bytes(header.encode("ascii") + mesh.vertices.astype("<f4").tobytes() + faces.tobytes())
+    header = HEADER.format(vertices=len(mesh.vertices), kind=kind, faces=len(faces))
+    path.write_bytes(header.encode("ascii") + mesh.vertices.astype(KINDS[kind]).tobytes() + faces.tobytes())
 
 
 def read_ply(path: Path) -> Mesh:
@@ -165,16 +167,23 @@ def read_ply(path: Path) -> Mesh:
     content = path.read_bytes()
     head, end, body = content.partition(b"end_header\n")
     counts = [int(word) for word in head.split() if word.isdigit()][:2]
-    if len(counts) != 2 or head + end != HEADER.format(vertices=counts[0], faces=counts[1]).encode("ascii"):
-        raise InputError(f"{path}: not a PLY file of this project (binary, float positions, triangles)")
+    headers = {
+        HEADER.format(vertices=counts[0], kind=kind, faces=counts[1]).encode("ascii"): dtype
+        for kind, dtype in KINDS.items()
+        if len(counts) == 2
+    }
+    if head + end not in headers:
+        raise InputError(f"{path}: not a PLY file of this project (binary, triangles)")
     vertices, faces = counts
-    if len(body) != 12 * vertices + FACE.itemsize * faces:
+    number = headers[head + end]
+    start = 3 * number.itemsize * vertices
+    if len(body) != start + FACE.itemsize * faces:
         raise InputError(
             f"{path}: wanted {vertices} vertices and {faces} faces in "
-            f"{12 * vertices + FACE.itemsize * faces} bytes, got {len(body)}; rerun extract_meshes"
+            f"{start + FACE.itemsize * faces} bytes, got {len(body)}; rerun extract_meshes"
         )
-    positions = np.frombuffer(body, "<f4", 3 * vertices).reshape(-1, 3)
-    records = np.frombuffer(body, FACE, faces, offset=12 * vertices)
+    positions = np.frombuffer(body, number, 3 * vertices).reshape(-1, 3)
+    records = np.frombuffer(body, FACE, faces, offset=start)
     corners = records["corners"].astype(np.int32)
     if (records["count"] != 3).any() or ((corners < 0) | (corners >= vertices)).any() or np.isnan(positions).any():
         raise InputError(f"{path}: has faces of other vertices than its own, so it is damaged; rerun extract_meshes")

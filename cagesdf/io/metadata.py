@@ -62,8 +62,15 @@ class Layout:
         pq.write_table(self.table(rows, **facts), path, **COMPRESSION)
 
     def read(self, path: Path) -> list[dict[str, Any]]:
-        """All rows. Raises InputError as `check` does."""
-        return self.open(path).read().to_pylist()
+        """All rows. Raises InputError as `check` does, and for text that is none or a value that is missing."""
+        table = self.open(path).read()
+        missing = [name for name in table.schema.names if table[name].null_count]
+        if missing:
+            raise InputError(f"{path}: column {missing[0]} lacks values; rerun the stage that wrote it")
+        try:
+            return table.to_pylist()
+        except UnicodeDecodeError as error:
+            raise InputError(f"{path}: holds text that is not UTF-8 ({error}); rerun the stage") from error
 
     def open(self, path: Path) -> "TableFile":
         """Open a file of this layout. Raises InputError if it is missing or something else."""
@@ -115,8 +122,8 @@ class TableFile(pq.ParquetFile):
     def _readable(self) -> Iterator[None]:
         try:
             yield
-        except (pa.ArrowException, OSError) as error:
-            reason = str(error).splitlines()[0]
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+            reason = str(error).partition("\n")[0]
             raise InputError(
                 f"{self.path}: not a readable Parquet file ({reason}); rerun the stage that wrote it"
             ) from error
@@ -127,6 +134,9 @@ def read_block(schema: pa.Schema, path: Path) -> dict[str, Any]:
     if not schema.metadata or KEY not in schema.metadata:
         raise InputError(f"{path}: its schema has no cagesdf block, so it was not written by this project")
     try:
-        return json.loads(schema.metadata[KEY])
-    except ValueError as error:
+        block = json.loads(schema.metadata[KEY])
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: its cagesdf block is no JSON ({error}); rerun the stage that wrote it") from error
+    if not isinstance(block, dict):
+        raise InputError(f"{path}: its cagesdf block is no JSON object, got {str(block)[:60]}; rerun the stage")
+    return block

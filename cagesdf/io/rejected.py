@@ -8,6 +8,8 @@ import pyarrow as pa
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.io.metadata import Column, Layout
 
+NAMED, REASONS = 20, 5  # rejected shapes, and reasons, that a message has
+
 REJECTED = Layout(
     "rejected",
     1,
@@ -22,15 +24,19 @@ REJECTED = Layout(
 def write_rejected(folder: Path, rejected: Sequence[ShapeRejected], total: int, max_rejected: float) -> None:
     """Write one row a rejected shape, sorted by id; none rejected gives an empty table.
 
-    Raises InputError with the first reasons if more than the share `max_rejected` of `total`
-    shapes were rejected, or all of them.
+    Raises InputError with their ids, the first reasons and what to do if more than the share `max_rejected` of
+    `total` shapes were rejected, or all of them.
     """
     rows = sorted(({"shape_id": r.shape_id, "stage": r.stage, "reason": r.reason} for r in rejected), key=str)
     if len(rows) > max_rejected * total or len(rows) == total:
-        reasons = "\n  ".join(f"{row['shape_id']}: {row['reason']}" for row in rows[:5])
+        most = min(int(max_rejected * total), max(total - 1, 0))
+        limit = f"{rows[0]['stage']}.max_rejected: {max_rejected:g}" if rows else "there is none"
+        ids = ", ".join(row["shape_id"] for row in rows[:NAMED])
+        ids += f" and {len(rows) - NAMED:,} more" if len(rows) > NAMED else ""
+        reasons = "".join(f"\n  {row['shape_id']}: {row['reason']}" for row in rows[:REASONS])
         raise InputError(
-            f"{len(rows)} of {total} shapes rejected, at most {max_rejected:.0%} wanted "
-            f"(max_rejected in params.yaml, never all); the first:\n  {reasons}"
+            f"{len(rows):,} of {total:,} shapes rejected, at most {most:,} wanted ({limit}): {ids}; repair or remove "
+            f"them, or raise max_rejected (in a work folder: in settings.yaml). The first reasons:{reasons}"
         )
     REJECTED.write(folder / "rejected.parquet", rows)
 

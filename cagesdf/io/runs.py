@@ -11,6 +11,7 @@ snapshots/            <steps>.safetensors: weights and latents after so many ste
 """
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,10 +19,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import safetensors
 import torch
 from jaxtyping import Float
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 from torch import Tensor
 
 from cagesdf.cuboid import Sequence
@@ -29,15 +29,28 @@ from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.io.metadata import Column, Layout
 from cagesdf.io.sequences import CAGES, sequence_rows, sequences_of
+from cagesdf.io.weights import (
+    MAX_LAYERS,
+    MAX_WIDTH,
+    filled,
+    planned,
+    read_description,
+    read_tensors,
+    sizes_of,
+    whole,
+    wholes,
+)
 from cagesdf.models.arms import make_decoder
-from cagesdf.models.decoders import Decoder
-from cagesdf.models.latents import LatentTable
+from cagesdf.models.decoders import CUBOID, Decoder
+from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure
 
 KIND = "run"
 VERSION = 1
 SNAPSHOTS = "snapshots"
+MAX_OCTAVES = 64
+MAX_NUMBER = 2**62  # of points
 LATENTS = Layout(
     "latents",
     1,
@@ -128,19 +141,22 @@ def read_run(folder: Path, device: torch.device | str = "cpu") -> Run:
     version, and files that are missing, damaged or don't belong together.
     """
     arm = _read_arm(folder / "arm.json")
-    rows = LATENTS.read(folder / "latents.parquet")
-    shapes = {row["shape_id"]: row for row in RUN_SHAPES.read(folder / "shapes.parquet")}
-    values = np.array([row["latent"] for row in rows], np.float32)
-    if values.shape != (len(rows), arm["params"]["latent_dim"]):
-        raise InputError(f"{folder / 'latents.parquet'}: wanted {arm['params']['latent_dim']} numbers in each latent")
-    latents = LatentTable(tuple((row["shape_id"], row["step"]) for row in rows), torch.from_numpy(values))
+    params = arm["params"]
+    decoder = _planned_decoder(folder / "arm.json", params)
+    shapes = _by_id(RUN_SHAPES.read(folder / "shapes.parquet"), folder / "shapes.parquet")
+    sequences = sequences_of(_checked_cages(CAGES.read(folder / "cages.parquet"), folder / "cages.parquet"))
+    if sequences.keys() != shapes.keys():
+        odd = min(sequences.keys() ^ shapes.keys())
+        raise InputError(f"{folder}: shape {odd!r} is in cages.parquet or in shapes.parquet, wanted in both")
+    latents = _read_latents(folder / "latents.parquet", params["latent_dim"], sequences)
+    weights = read_tensors(folder / "weights.safetensors", sizes_of(decoder))
     return Run(
-        _read_decoder(folder / "weights.safetensors", arm["params"]).to(device),
+        filled(decoder, weights).to(device),
         latents.to(device).requires_grad_(False),
-        sequences_of(CAGES.read(folder / "cages.parquet")),
+        sequences,
         {shape_id: read_structure(row["structure"]) for shape_id, row in shapes.items()},
         {shape_id: Similarity.from_numbers(row["similarity"]) for shape_id, row in shapes.items()},
-        arm["params"],
+        params,
         arm["points"],
     )
 
@@ -153,47 +169,68 @@ def snapshots_of(folder: Path) -> tuple[int, ...]:
 def read_snapshot(folder: Path, steps: int, device: torch.device | str = "cpu") -> Run:
     """A run as it was after so many steps. Raises InputError as `read_run` does."""
     run = read_run(folder, device)
-    path = folder / SNAPSHOTS / f"{steps:08d}.safetensors"
-    tensors = _load_tensors(path)
-    latents = tensors.pop("latents", None)
-    if latents is None or latents.shape != run.latents.values.shape:
-        raise InputError(f"{path}: doesn't hold the latents of latents.parquet; train again")
+    decoder = _planned_decoder(folder / "arm.json", run.params)
+    sizes = {f"decoder.{name}": size for name, size in sizes_of(decoder).items()}
+    sizes["latents"] = tuple(run.latents.values.shape)
+    tensors = read_tensors(folder / SNAPSHOTS / f"{steps:08d}.safetensors", sizes)
+    table = LatentTable(run.latents.keys, tensors.pop("latents")).to(device).requires_grad_(False)
     weights = {name.removeprefix("decoder."): tensor for name, tensor in tensors.items()}
-    decoder = _loaded(run.decoder, weights, path)
-    table = LatentTable(run.latents.keys, latents).to(device).requires_grad_(False)
-    return replace(run, decoder=decoder, latents=table)
+    return replace(run, decoder=filled(decoder, weights).to(device), latents=table)
 
 
 def _read_arm(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; wanted a folder that the train stage wrote")
-    try:
-        arm = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); train again") from error
-    if not isinstance(arm, dict) or arm.get("kind") != KIND or arm.get("version") != VERSION:
-        what = f"{arm.get('kind')} version {arm.get('version')}" if isinstance(arm, dict) else type(arm).__name__
-        raise InputError(f"{path}: holds {what}, wanted {KIND} version {VERSION}; train again")
+    arm = read_description(path)
+    if arm.get("kind") != KIND or arm.get("version") != VERSION:
+        got = f"{arm.get('kind')!s:.60} version {arm.get('version')!s:.60}"
+        raise InputError(f"{path}: holds {got}, wanted {KIND} version {VERSION}; train again")
+    for name in ("params", "points"):
+        if not isinstance(arm.get(name), dict):
+            raise InputError(f"{path}: wanted an object {name}, got {str(arm.get(name))[:60]}; train again")
+    for name in arm["points"]:
+        whole(arm["points"], name, 0, MAX_NUMBER, path)
+    reach = arm["params"].get("reach", 0.0)
+    if not isinstance(reach, float) or not 0 <= reach < math.inf:
+        raise InputError(f"{path}: wanted a reach of at least 0, got {str(reach)[:60]}")
+    if arm["params"].get("points_of") not in ("cage", "cube"):
+        raise InputError(f"{path}: wanted points_of cage or cube, got {str(arm['params'].get('points_of'))[:60]}")
     return arm
 
 
-def _read_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
-    sizes = {name: params[name] for name in ("width", "layers", "latent_dim", "mapping", "octaves")}
-    return _loaded(make_decoder(params["decoder"], **sizes, seed=0), _load_tensors(path), path)
+def _planned_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
+    """The decoder that arm.json describes, without memory for its weights."""
+    name = str(params.get("decoder"))[:60]
+    width, latent_dim = (whole(params, size, 1, MAX_WIDTH, path) for size in ("width", "latent_dim"))
+    layers, octaves = whole(params, "layers", 1, MAX_LAYERS, path), whole(params, "octaves", 0, MAX_OCTAVES, path)
+    mapping = wholes(params, "mapping", 1, MAX_WIDTH, path)
+    return planned(lambda: make_decoder(name, width, layers, latent_dim, mapping, octaves, seed=0))
 
 
-def _loaded(decoder: Decoder, weights: Mapping[str, Tensor], path: Path) -> Decoder:
-    try:
-        decoder.load_state_dict(weights)
-    except RuntimeError as error:
-        raise InputError(f"{path}: doesn't hold the weights that arm.json describes ({error}); train again") from error
-    return decoder.eval().requires_grad_(False)
+def _read_latents(path: Path, dim: int, sequences: Mapping[str, Sequence]) -> LatentTable:
+    rows = LATENTS.read(path)
+    odd = next((row for row in rows if len(row["latent"]) != dim), None)
+    if odd is not None:
+        raise InputError(f"{path}, shape {odd['shape_id']}: wanted {dim} numbers in each latent")
+    values = np.array([row["latent"] for row in rows], np.float32).reshape(len(rows), dim)
+    if not np.isfinite(values).all():
+        raise InputError(f"{path}: holds numbers that are not finite; train again")
+    keys = tuple((row["shape_id"], row["step"]) for row in rows)
+    for shape_id, step in keys:
+        if shape_id not in sequences or not SHARED <= step < len(sequences[shape_id].cages):
+            raise InputError(f"{path}: has a latent for step {step} of shape {shape_id!r}, which the run doesn't have")
+    if len(set(keys)) < len(keys):
+        raise InputError(f"{path}: has several latents for one step of one shape; train again")
+    return LatentTable(keys, torch.from_numpy(values))
 
 
-def _load_tensors(path: Path) -> dict[str, Tensor]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; train again")
-    try:
-        return load_file(path)
-    except safetensors.SafetensorError as error:
-        raise InputError(f"{path}: is damaged ({error}); train again") from error
+def _by_id(rows: list[dict[str, Any]], path: Path) -> dict[str, dict[str, Any]]:
+    found = {row["shape_id"]: row for row in rows}
+    if len(found) < len(rows):
+        raise InputError(f"{path}: has {len(rows)} rows of {len(found)} shapes, wanted one of each")
+    return found
+
+
+def _checked_cages(rows: list[dict[str, Any]], path: Path) -> list[dict[str, Any]]:
+    for row in rows:
+        if len(row["cuboid"]) != CUBOID or not np.isfinite(row["cuboid"]).all():
+            raise InputError(f"{path}, shape {row['shape_id']}: wanted {CUBOID} finite numbers for {row['part_id']}")
+    return rows

@@ -48,7 +48,7 @@ SHAPES = Layout(
 )
 PARTS = Layout(
     "parts",
-    2,
+    3,
     (
         Column("shape_id", pa.string(), "the shape it belongs to"),
         Column("part_id", pa.string(), "unique in its shape"),
@@ -60,6 +60,7 @@ PARTS = Layout(
         Column("inside", pa.float64(), "share of the part's axis-aligned box that is inside the closed mesh"),
         Column("dropped", pa.int32(), "pieces left out: sheets that the rest represents, specks"),
         Column("plates", pa.int32(), "sheets that were given a thickness"),
+        Column("lost", pa.float64(), "share of the area as read that lies outside the closed mesh, over 0.002 from it"),
         Column("vertices", pa.list_(pa.float64()), "x, y, z of each vertex in turn, canonical units"),
         Column("faces", pa.list_(pa.int32()), "three vertex indices of each face in turn, outwards"),
     ),

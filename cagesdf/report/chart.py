@@ -10,7 +10,7 @@ LABEL_GAP = 17  # between the labels of curves that end at nearly the same heigh
 
 DRAWABLE = (1e-30, 1e30)  # heights
 
-Curve = Sequence[tuple[int | float, float]]  # (step, loss), (seconds, distance)
+Curve = Sequence[tuple[int | float, float]]  # (step, loss), (million points, distance)
 
 
 def log_chart(curves: Mapping[str, Curve], label: str) -> str:

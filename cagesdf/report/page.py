@@ -140,9 +140,11 @@ def _generation(content: Mapping[str, Any], names: Sequence[str]) -> list[dict[s
 
 def _progress(arms: Mapping[str, Any]) -> dict[str, Any]:
     """The curves of one category's trainings, and the arms that have no held-out steps."""
-    curves = {arm: [(row["seconds"], row["surface_distance"]) for row in arms[arm]] for arm in figures.in_order(arms)}
+    curves = {
+        arm: [(row["points"] / 1e6, row["surface_distance"]) for row in arms[arm]] for arm in figures.in_order(arms)
+    }
     rest = [arm for arm in curves if not all(row["held_out"] for row in arms[arm])]
-    return {"chart": log_chart(curves, "surface distance by seconds of training"), "rest": rest}
+    return {"chart": log_chart(curves, "surface distance by millions of points trained on"), "rest": rest}
 
 
 def _draw(grids: Sequence[Grid], size: int, processes: int) -> tuple[list[list[Image]], str]:

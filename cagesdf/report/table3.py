@@ -93,11 +93,22 @@ def _rows(methods: Methods) -> list[Row]:
         means = [entry[column.key]["mean"] for entry in methods if column.key in entry]
         if column.best is not None and len(set(means)) > 1:
             best[column.key] = _nearest(means, column.best)
-    explained = [(entry, ARMS.get(entry["arm"], ""), METHODS.get(entry["method"], "")) for entry in methods]
+    explained = [
+        (entry, ARMS.get(entry["arm"], ""), METHODS.get(entry["method"], ""), _shapes(entry)) for entry in methods
+    ]
     return [
         _row(entry, name_of(entry["arm"], entry["method"]), "; ".join(filter(None, texts)), best)
         for entry, *texts in explained
     ]
+
+
+def _shapes(entry: Mapping[str, Any]) -> str:
+    """How many shapes a method made, and whether none has a surface."""
+    count = entry["shapes"]
+    if count == 0:
+        return "no shapes: no draw was valid"
+    text = "1 shape" if count == 1 else f"{count:,} shapes"
+    return f"{text}, none with a surface" if entry["failed"]["mean"] == 1 else text
 
 
 def _nearest(means: Sequence[float], to: float) -> float:

@@ -145,7 +145,7 @@ class Assembly(Structure):
             content = json.loads(text)
             names = {str(part): str(name) for part, name in content.get("labels", {}).items()}
             return Assembly(parse(content["program"]), Similarity.from_numbers(content["placement"]), names)
-        except (KeyError, TypeError, IndexError, AttributeError, json.JSONDecodeError) as error:
+        except (KeyError, TypeError, IndexError, AttributeError, RecursionError, json.JSONDecodeError) as error:
             raise InputError(f"structure: wanted a program and its placement, got {text[:60]} ({error!r})") from error
 
 

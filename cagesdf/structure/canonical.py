@@ -110,15 +110,30 @@ def _signature(program: AssemblyProgram, block: Block) -> str:
     colours = _refined(facts, _initial(block, inside))
     while len(set(colours.values())) < len(colours):
         # Name one of the cuboids that are alike first: whichever, if they are truly alike.
-        tied = min(colour for colour, count in Counter(colours.values()).items() if count > 1)
-        chosen = next(name for name, colour in colours.items() if colour == tied)
-        colours = _refined(facts, _ranked({name: (colour, name != chosen) for name, colour in colours.items()}))
+        lowest = min(colour for colour, count in Counter(colours.values()).items() if count > 1)
+        tied = [name for name, colour in colours.items() if colour == lowest]
+        named = tied if _interchangeable(facts, tied) else tied[:1]
+        places = {name: place for place, name in enumerate(named)}
+        keys = {name: (colour, places.get(name, len(named))) for name, colour in colours.items()}
+        colours = _refined(facts, _ranked(keys))
     said = sorted((kind, [colours[name] for name in names]) for kind, names in facts)
     filled = sorted((colours[name], text) for name, text in inside.items())
     return ",".join(
         [f"{kind}({' '.join(map(str, numbers))})" for kind, numbers in said]
         + [f"{colour}:[{text}]" for colour, text in filled]
     )
+
+
+def _interchangeable(facts: Sequence[Fact], names: Sequence[str]) -> bool:
+    """Whether just the same is said of each of these cuboids, of none together with another: any order will do."""
+    said: dict[str, list[tuple[str, ...]]] = {name: [] for name in names}
+    for kind, about in facts:
+        own = [name for name in about if name in said]
+        if len(own) > 1:
+            return False
+        if own:
+            said[own[0]].append((kind, *["" if name == own[0] else name for name in about]))
+    return len({tuple(sorted(entries)) for entries in said.values()}) == 1
 
 
 def _inside(program: AssemblyProgram, block: Block) -> dict[str, str]:

@@ -193,12 +193,19 @@ class PartHierarchy(Structure):
             seen.add(node_id)
             children = tuple(
                 read(child, f"{path}/{i}" if path else str(i), depth + 1)
-                for i, child in enumerate(entry.get("children") or [])
+                for i, child in enumerate(_list(entry, "children", path))
             )
-            relations = tuple(_read_relation(edge, children, path or "root") for edge in entry.get("edges") or [])
+            relations = tuple(_read_relation(edge, children, path or "root") for edge in _list(entry, "edges", path))
             return Node(node_id, str(entry.get("label", "")), children, relations, _read_box(entry.get("box"), path))
 
         return PartHierarchy(read(entry, "", 0))
+
+
+def _list(entry: Mapping[str, Any], name: str, path: str) -> list[Any]:
+    values = entry.get(name) or []
+    if not isinstance(values, list):
+        raise InputError(f"hierarchy node {path or 'root'}: wanted a list of {name}, got {str(values)[:60]}")
+    return values
 
 
 def _read_box(box: Any, path: str) -> Cuboid | None:
@@ -206,7 +213,7 @@ def _read_box(box: Any, path: str) -> Cuboid | None:
         return None
     try:
         numbers = np.asarray(box, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.zeros(0)
     if numbers.shape != (12,) or not np.isfinite(numbers).all():
         raise InputError(f"hierarchy node {path or 'root'}: box needs 12 finite numbers, got {str(box)[:60]}")
@@ -220,12 +227,17 @@ def _read_box(box: Any, path: str) -> Cuboid | None:
 
 def _vector(numbers: Any) -> tuple[float, float, float]:
     x, y, z = (float(number) for number in numbers)
+    if not np.isfinite([x, y, z]).all():
+        raise ValueError("wanted finite numbers")
     return x, y, z
 
 
-def _read_relation(edge: dict[str, Any], children: tuple[Node, ...], path: str) -> Relation:
+def _read_relation(edge: Any, children: tuple[Node, ...], path: str) -> Relation:
     try:
-        a, b = children[int(edge["part_a"])].node_id, children[int(edge["part_b"])].node_id
+        places = int(edge["part_a"]), int(edge["part_b"])
+        if min(places) < 0:
+            raise IndexError("children are numbered from 0")
+        a, b = (children[place].node_id for place in places)
         params = edge.get("params") or []
         if edge["type"] == "ADJ":
             return Adjacency(a, b, float(edge.get("dist", 0.0)))
@@ -235,7 +247,7 @@ def _read_relation(edge: dict[str, Any], children: tuple[Node, ...], path: str) 
             return Translation(a, b, _vector(params[:3]))
         if edge["type"] == "ROT_SYM":
             return Rotation(a, b, _vector(params[:3]), _vector(params[3:6]), float(params[6]))
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"hierarchy node {path}: edge {str(edge)[:80]} can't be read ({error!r})") from error
     raise InputError(
         f"hierarchy node {path}: edge type {edge['type']!r} is not one of ADJ, REF_SYM, TRANS_SYM, ROT_SYM"

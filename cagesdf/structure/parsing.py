@@ -6,7 +6,7 @@ One pattern a kind of line, so that a line is checked and taken apart at once.
 import re
 from pathlib import Path
 
-from cagesdf.errors import ProgramError
+from cagesdf.errors import InputError, ProgramError
 from cagesdf.structure.program import (
     BBOX,
     FACES,
@@ -21,6 +21,7 @@ from cagesdf.structure.program import (
     Translate,
     Unexecutable,
 )
+from cagesdf.text import read_text
 
 _NUMBER = r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*"
 _NAME = r"\s*(\w+)\s*"
@@ -96,11 +97,10 @@ def parse(text: str, source: str = "program") -> AssemblyProgram:
 def read_program(path: Path) -> AssemblyProgram:
     """Parse a file. Raises ProgramError as `parse` does, and for a file that is missing, too large or no text."""
     try:
-        if path.stat().st_size > 4 * MAX_CHARACTERS:
-            raise ProgramError(str(path), 0, "", f"at most {MAX_CHARACTERS:,} characters")
-        return parse(path.read_text(encoding="utf-8-sig"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path, 4 * MAX_CHARACTERS)
+    except InputError as error:
         raise ProgramError(str(path), 0, "", f"wanted a text file with a program ({error})") from error
+    return parse(text, str(path))
 
 
 def _statement(content: str, source: str, number: int) -> Statement:

@@ -44,6 +44,7 @@ MAX_STATEMENTS = 10_000
 MAX_DEPTH = 16  # of blocks in blocks
 MAX_MOVES = 64  # attachments of one cuboid, a squeeze counting as two
 MAX_COPIES = 256  # that one translate makes
+MAX_CUBOIDS = 320  # of one block, copies among them
 MAX_LEAVES = 4_096  # after execution
 
 
@@ -322,12 +323,15 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
         if moves[name] > MAX_MOVES:
             raise fail(j, f"wanted at most {MAX_MOVES} attachments of {name}")
 
+    def room(j: int, count: int) -> None:
+        if len(counts) + len(copies) + count > MAX_CUBOIDS:
+            raise fail(j, f"wanted at most {MAX_CUBOIDS} cuboids in a block, copies among them")
+
     def copied(j: int, name: str, count: int) -> None:
         moved(j, name)
         if name in copies:
             raise fail(j, f"{name} is a copy; wanted a declared cuboid")
-        if len(counts) + len(copies) + count > MAX_LEAVES:
-            raise fail(j, f"wanted at most {MAX_LEAVES:,} cuboids in all")
+        room(j, count)
         for _ in range(count):
             copy = copy_name(len(counts) + len(copies))
             if copy in counts or copy in copies:
@@ -342,6 +346,7 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
                     raise fail(j, f"{name} is there already; wanted another name")
                 if not _positive(size):
                     raise fail(j, f"lengths {_commas(size)}; wanted positive numbers")
+                room(j, 1)
                 counts[name] = 1
             case Attach():
                 moved(j, statement.a, statement.b)

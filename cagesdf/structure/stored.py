@@ -12,7 +12,7 @@ def read_structure(text: str) -> Structure:
     """What `Structure.to_json` wrote, of whichever class. Raises InputError if it is neither."""
     try:
         content = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"structure: no JSON, or nested too deeply ({error}); got {text[:60]}") from error
     if not isinstance(content, dict):
         raise InputError(f"structure: wanted a JSON object, got {text[:60]}")

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.errors import InputError
 from cagesdf.meshes import Mesh
 from cagesdf.shape import RawPart
 from cagesdf.synthesis.chairs import CHAIRS
@@ -23,10 +24,10 @@ def draw_recipes(category: str, train: int, val: int, rng: np.random.Generator) 
 
     Of a family's shapes in one split, one in four has the cage of an earlier one and a fresh
     style, and one in four the style of an earlier one and a fresh cage. The splits share
-    neither. Raises ValueError for an unknown category.
+    neither. Raises InputError for an unknown category.
     """
     if category not in CATEGORIES:
-        raise ValueError(f"category {category!r}: wanted one of {', '.join(CATEGORIES)}")
+        raise InputError(f"category {category!r}: wanted one of {', '.join(CATEGORIES)}")
     recipes: list[Recipe] = []
     for split, count in (("train", train), ("val", val)):
         begun = len(recipes)

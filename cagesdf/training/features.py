@@ -84,7 +84,7 @@ def classify(model: PointNet, points: Float[ndarray, "n p 3"]) -> tuple[Float[nd
             return features, model.head(features).argmax(dim=1)
 
     with _pool() as pool:
-        found = list(pool.map(of, range(0, len(points), SLICE)))
+        found = list(pool.map(of, range(0, max(1, len(points)), SLICE)))
     features, classes = (torch.cat(some) for some in zip(*found, strict=True))
     return features.double().numpy(), classes.numpy()
 

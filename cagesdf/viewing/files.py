@@ -1,34 +1,58 @@
 """What comes into the editor and leaves it as files. Uploads are untrusted: bounded, read by the checked readers."""
 
 import io
+import lzma
+import struct
 import tempfile
 import zipfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
 from cagesdf.editing.script import Script, parse
 from cagesdf.editing.session import model_of
 from cagesdf.editing.state import State
-from cagesdf.errors import InputError
+from cagesdf.errors import SHOWN, InputError
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
-from cagesdf.io.exports import WRITERS, write_model
+from cagesdf.io.exports import WRITERS, Model, write_boxes, write_model
 from cagesdf.meshes import Mesh
 from cagesdf.structure.parsing import parse as parse_program
 from cagesdf.structure.program import AssemblyProgram
+from cagesdf.text import decode
 
 FORMATS = tuple(ending.removeprefix(".") for ending in WRITERS)
 MAX_BYTES = 4_000_000  # of a script or program
 MAX_MESH_BYTES = 40_000_000  # of meshes, unpacked
 MAX_MESHES = 150  # in an archive
+MAX_NAME = 200  # bytes of a file's name
+# What zipfile raises for content that is damaged, encrypted, or packed in a way that it doesn't know; ValueError for
+# names and places that can't be.
+DAMAGED = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError, RuntimeError, EOFError, OSError,
+    ValueError, OverflowError,
+)  # fmt: skip
 
 
 def exported(mesh: Mesh, state: State, ending: str) -> bytes:
-    """A state's surface as a file of one of FORMATS: what `cagesdf edit` writes. InputError if there is no surface."""
+    """A state's surface as a file of one of FORMATS: what `cagesdf edit` writes.
+
+    Raises InputError if there is no surface, and as `write_model`.
+    """
+    return _content(write_model, mesh, state, ending)
+
+
+def exported_boxes(mesh: Mesh, state: State, ending: str) -> bytes:
+    """A state's cuboids as a file of one of FORMATS: what `cagesdf edit --cuboids` writes. Raises as `exported`."""
+    return _content(write_boxes, mesh, state, ending)
+
+
+def _content(write: Callable[[Path, Model], None], mesh: Mesh, state: State, ending: str) -> bytes:
     if not len(mesh.faces):
         raise InputError("the network gives no surface for these cuboids in this style; nothing to export")
+    model = model_of(mesh, state)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"shape.{ending}"
-        write_model(path, model_of(mesh, state))
+        write(path, model)
         return path.read_bytes()
 
 
@@ -39,7 +63,7 @@ def script_of(name: str, content: bytes) -> Script:
 
 def program_of(name: str, content: bytes) -> AssemblyProgram:
     """An uploaded ShapeAssembly program: text, read and never run as code. Raises InputError."""
-    return parse_program(_text(name, content))
+    return parse_program(_text(name, content), name)
 
 
 def meshes_of(name: str, content: bytes, folder: Path) -> Path:
@@ -67,17 +91,22 @@ def _unpacked(name: str, content: bytes) -> dict[str, bytes]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             for member in archive.infolist():
                 own = PurePosixPath(member.filename.replace("\\", "/")).name
-                if member.is_dir() or own.startswith(".") or PurePosixPath(own).suffix.lower() not in MESH_SUFFIXES:
+                # A member may have no name at all, of which zipfile can't say whether it is a folder.
+                if own.startswith(".") or PurePosixPath(own).suffix.lower() not in MESH_SUFFIXES or member.is_dir():
                     continue
                 if own in found:
                     raise InputError(f"{name}: two meshes are called {own}; give each part a name of its own")
+                if len(own.encode("utf-8")) > MAX_NAME or not own.isprintable():
+                    raise InputError(f"{name}: a mesh is called {own[:SHOWN]!r}; wanted at most {MAX_NAME} letters")
                 left = MAX_MESH_BYTES - sum(map(len, found.values()))
                 with archive.open(member) as stream:
                     found[own] = stream.read(left + 1)
                 if len(found[own]) > left or len(found) > MAX_MESHES:
                     most = f"at most {MAX_MESHES} meshes of {MAX_MESH_BYTES:,} bytes together"
                     raise InputError(f"{name}: holds too much; wanted {most}")
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+    except InputError:
+        raise
+    except DAMAGED as error:
         raise InputError(f"{name}: can't be read as a zip ({error})") from error
     if not found:
         raise InputError(f"{name}: holds no mesh; wanted a {', '.join(MESH_SUFFIXES)} file for each part")
@@ -87,7 +116,4 @@ def _unpacked(name: str, content: bytes) -> dict[str, bytes]:
 def _text(name: str, content: bytes) -> str:
     if len(content) > MAX_BYTES:
         raise InputError(f"{name}: {len(content):,} bytes; wanted at most {MAX_BYTES:,}")
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{name}: is no text in UTF-8 ({error})") from error
+    return decode(content, name)

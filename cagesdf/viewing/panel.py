@@ -22,7 +22,7 @@ PLACES = 3.0  # standard deviations that the sliders of principal directions rea
 
 @dataclass(frozen=True)
 class Actions:
-    """What a tab does when a control is used. Each may raise ValueError, whose text the status line shows."""
+    """What a tab does when a control is used. The status line says what goes wrong in one."""
 
     open_shape: Callable[[str], None]
     undo: Callable[[], None]
@@ -39,7 +39,8 @@ class Actions:
     generate: Callable[[float], None]  # temperature
     save: Callable[[], None]
     load: Callable[[str, bytes], None]
-    export: Callable[[str], None]
+    export: Callable[[str], None]  # one of FORMATS
+    export_cuboids: Callable[[str], None]
     upload_program: Callable[[str, bytes], None]
     upload_parts: Callable[[str, bytes], None]
 
@@ -150,6 +151,8 @@ class Panel:
         self.format = gui.add_dropdown("Format", FORMATS, initial_value="glb")
         export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD)
         export.on_click(lambda _: self._guard(lambda: actions.export(self.format.value)))
+        cuboids = gui.add_button("Export cuboids", icon=viser.Icon.BOX)
+        cuboids.on_click(lambda _: self._guard(lambda: actions.export_cuboids(self.format.value)))
         save = gui.add_button("Save script", icon=viser.Icon.DEVICE_FLOPPY)
         save.on_click(lambda _: self._guard(actions.save))
         load = gui.add_upload_button("Load script", icon=viser.Icon.FOLDER_OPEN, mime_type=".json")

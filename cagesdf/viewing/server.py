@@ -1,22 +1,60 @@
 """The editor's address: a page for everyone who opens it, a `Tab` for each."""
 
+import errno
 import re
+import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import viser
+from viser.infra import _infra as viser_sockets
 from websockets.asyncio import server as sockets
 
+from cagesdf.errors import InputError
 from cagesdf.viewing.tab import Opened, Tab
 
 CAMERA = ((1.25, 0.75, 2.05), (0.0, 0.0, 0.0))  # from where, to where; canonical
+PORTS = range(8080, 8180)  # that are tried where none is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Pages of this machine, and what is no page.
 OWN_PAGES = (re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"), None)
+
+
+_opening = threading.Lock()  # one server at a time
+
+
+def free_port(host: str, port: int | None) -> int:
+    """A port that `host` can listen at: `port`, or the first free one of PORTS if it is None; 0 is any free one.
+
+    Raises InputError if there is none, naming address and port.
+    """
+    if port is not None and not 0 <= port < 65_536:
+        raise InputError(f"--port {port}: wanted a number from 0, for any free one, to 65535")
+    if not host:
+        raise InputError("--host: got an empty address; wanted one of this machine's, such as 127.0.0.1")
+    problem: OSError | UnicodeError | None = None
+    for candidate in PORTS if port is None else (port,):
+        try:
+            for family, *_, place in socket.getaddrinfo(host, candidate, type=socket.SOCK_STREAM):
+                socket.create_server(place, family=family).close()
+        except (OSError, UnicodeError) as error:
+            problem = error
+            if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+                continue
+            raise InputError(f"--host {host}, port {candidate}: can't listen there ({_reason(error)})") from error
+        return candidate
+    if port is None:
+        raise InputError(f"--host {host}: all ports from {PORTS[0]} to {PORTS[-1]} are in use") from problem
+    raise InputError(f"--port {port}: is in use at {host}; name another, or none for a free one") from problem
+
+
+def _reason(error: OSError | UnicodeError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 class Server(viser.ViserServer):
@@ -26,7 +64,9 @@ class Server(viser.ViserServer):
     can't talk to it.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int | None) -> None:
+        """`port` as `free_port` takes it, and refuses it: viser would wait for ever for a place it can't listen at."""
+        port = free_port(host, port)
         with _answering(OWN_PAGES if host in LOOPBACK else None):
             super().__init__(host, port, label="cagesdf", verbose=False)
 
@@ -38,8 +78,8 @@ class Server(viser.ViserServer):
 class Editor:
     """A server with one tab a client; what a tab holds is freed when its page is closed."""
 
-    def __init__(self, opened: Opened, host: str, port: int, threads: int) -> None:
-        """`port` is the first that is tried; the network is asked by `threads` threads for all tabs together."""
+    def __init__(self, opened: Opened, host: str, port: int | None, threads: int) -> None:
+        """`port` as `free_port` takes it; the network is evaluated by `threads` threads for all tabs together."""
         self._opened = opened
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="network")
         self._tabs: dict[int, Tab] = {}
@@ -85,17 +125,24 @@ class Editor:
 
 @contextmanager
 def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[None]:
-    """Sockets that are opened meanwhile answer these pages alone: viser itself has no setting for it."""
-    plain = sockets.serve
-    sockets.serve = partial(plain, origins=origins)  # type: ignore[assignment,misc]
-    try:
-        yield
-    finally:
-        sockets.serve = plain  # type: ignore[misc]
+    """Sockets that viser opens meanwhile answer these pages alone.
+
+    viser has no setting for it. Its module's name for the library stands for one whose sockets have these origins;
+    the library itself, which others in this process may use, stays as it is.
+    """
+    library = viser_sockets.websockets
+    serving_these = SimpleNamespace(**vars(sockets) | {"serve": partial(sockets.serve, origins=origins)})
+    asynchronous = SimpleNamespace(**vars(library.asyncio) | {"server": serving_these})
+    with _opening:
+        viser_sockets.websockets = SimpleNamespace(**vars(library) | {"asyncio": asynchronous})  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            viser_sockets.websockets = library
 
 
 @contextmanager
-def serving(opened: Opened, host: str, port: int, threads: int) -> Iterator[Editor]:
+def serving(opened: Opened, host: str, port: int | None, threads: int) -> Iterator[Editor]:
     """An editor for the time of the context."""
     editor = Editor(opened, host, port, threads)
     try:

@@ -30,6 +30,7 @@ from cagesdf.viewing import files
 from cagesdf.viewing.document import Document
 from cagesdf.viewing.panel import NOTHING, Actions, Panel
 from cagesdf.viewing.picking import clicked
+from cagesdf.viewing.refusals import saying
 from cagesdf.viewing.scene import Stage, label_of
 from cagesdf.viewing.snapping import snapped
 from cagesdf.viewing.styles import StyleSpace
@@ -98,6 +99,7 @@ class Tab:
                 save=self._save,
                 load=self._load,
                 export=self._export,
+                export_cuboids=self._export_cuboids,
                 upload_program=self._upload_program,
                 upload_parts=self._upload_parts,
             ),
@@ -132,12 +134,12 @@ class Tab:
 
     def _guarded(self, act: Callable[[], None]) -> None:
         """Do something; what is wrong with it is said in the status line, and nothing has changed then."""
-        with self._lock:
-            try:
-                act()
-            except ValueError as error:
-                self._say(str(error))
-                self._redraw()
+        with self._lock, saying(self._refuse):
+            act()
+
+    def _refuse(self, text: str) -> None:
+        self._say(text)
+        self._redraw()
 
     def _redraw(self, state: State | None = None) -> None:
         """Cuboids, gizmo and numbers: of the document, or of a state on the way."""
@@ -175,7 +177,7 @@ class Tab:
 
     def _choose(self, name: str) -> None:
         parts = {own: part for part, own in part_names(self._document.state.structure).items()}
-        self._select((parts[name],) if name != NOTHING else ())
+        self._select((parts[name],) if name in parts else ())
 
     def _select(self, parts: tuple[str, ...]) -> None:
         self._selected = parts
@@ -184,7 +186,14 @@ class Tab:
 
     @property
     def _pattern(self) -> str:
-        return "|".join(self._selected)
+        names = part_names(self._document.state.structure)
+        return "|".join(names[part] for part in self._selected)
+
+    @property
+    def _one(self) -> str:
+        if len(self._selected) != 1:
+            raise InputError(f"wanted one cuboid selected, not {len(self._selected)}")
+        return self._selected[0]
 
     # Operations
 
@@ -263,7 +272,7 @@ class Tab:
 
         def act() -> None:
             state = self._document.state
-            length = float(state.cage[self._selected[0]].size[axis])
+            length = float(state.cage[self._one].size[axis])
             name, sign = _named(state, axis)
             factor = float(np.clip((length + way) / length, 0.02, 50))
             keep: End = "low" if side * sign > 0 else "high"
@@ -287,11 +296,11 @@ class Tab:
     def _place(self, centre: tuple[float, float, float]) -> None:
         state = self._document.state
         there = state.similarity.to_canonical(np.array([centre]))[0]
-        self._do(self._move(there - state.cage[self._selected[0]].centre), ("centre", self._selected))
+        self._do(self._move(there - state.cage[self._one].centre), ("centre", self._selected))
 
     def _lengths(self, lengths: tuple[float, float, float]) -> None:
         state = self._document.state
-        factors = np.array(lengths) * state.similarity.scale / state.cage[self._selected[0]].size
+        factors = np.array(lengths) * state.similarity.scale / state.cage[self._one].size
         for row in np.flatnonzero(np.abs(factors - 1) > 1e-4).tolist():
             axis, _ = _named(state, row)
             self._do(
@@ -376,14 +385,23 @@ class Tab:
         self._say(f"{name}: {len(script)} operations on {shape_id}")
 
     def _export(self, ending: str) -> None:
+        content = files.exported(self._fine(), self._document.state, ending)
+        self._download(f"{self._document.shape_id}.{ending}", content)
+
+    def _export_cuboids(self, ending: str) -> None:
+        content = files.exported_boxes(self._fine(), self._document.state, ending)
+        self._download(f"{self._document.shape_id}-cuboids.{ending}", content)
+
+    def _fine(self) -> Mesh:
+        """The surface that `cagesdf edit` gives, canonical."""
         state, made = self._document.state, self._made
         if made is None or made.state is not state or made.cells != FINE:
-            mesh = self._opened.session.live(FINE).surface(state).mesh
-        else:
-            mesh = made.found.mesh
-        content = files.exported(mesh, state, ending)
-        self._client.send_file_download(f"{self._document.shape_id}.{ending}", content, save_immediately=True)
-        self._say(f"{self._document.shape_id}.{ending}: {len(content):,} bytes, {len(mesh.faces):,} faces")
+            return self._opened.session.live(FINE).surface(state).mesh
+        return made.found.mesh
+
+    def _download(self, name: str, content: bytes) -> None:
+        self._client.send_file_download(name, content, save_immediately=True)
+        self._say(f"{name}: {len(content):,} bytes")
 
     def _upload_parts(self, name: str, content: bytes) -> None:
         self._say(f"{name}: fitting cuboids, and the style that explains it best")
@@ -392,9 +410,11 @@ class Tab:
                 taken = self._opened.take(files.meshes_of(name, content, Path(folder)))
             except InputError as error:
                 raise InputError(str(error).replace(f"{folder}/", "").replace(folder, name)) from error
+        styles = self._opened.session.styles
+        build = Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers()))
+        document = self._document.then(build, styles).then(Style(code=tuple(taken.latent.tolist())), styles)
         self._selected = ()
-        self._do(Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers())))
-        self._do(Style(code=tuple(taken.latent.tolist())))
+        self._become(document)
         self._client.add_notification(name, f"{len(self._document.state.cage)} cuboids; {taken.verdict}")
 
     def _upload_program(self, name: str, content: bytes) -> None:

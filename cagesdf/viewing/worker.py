@@ -9,12 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 
 from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
 from cagesdf.extraction import Extraction
 from cagesdf.extraction.joining import Part
+from cagesdf.viewing.refusals import saying
 
 COARSE = 96  # cells
 FINE = 128  # what `cagesdf edit` has without --resolution, so that what is seen is what is written
@@ -72,14 +74,10 @@ class Worker:
 
     def _run(self) -> None:
         while (state := self._next()) is not None:
-            try:
+            with saying(self._fail), suppress(Overtaken):
                 self._make(self._coarse, COARSE, state)
                 if self._rested():
                     self._make(self._fine, FINE, state)
-            except Overtaken:
-                continue
-            except ValueError as error:  # an InputError, or a surface that doesn't keep what is promised
-                self._fail(str(error))
 
     def _next(self) -> State | None:
         """The newest state, once there is one; None at the end."""

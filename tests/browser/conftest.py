@@ -15,7 +15,7 @@ import pytest
 import torch
 from playwright.sync_api import Browser, sync_playwright
 
-from browser.page import EditorPage
+from browser.page import PATIENCE, EditorPage
 from cagesdf.cli.fitting import imported, settings_of
 from cagesdf.cli.viewing import DEMO
 from cagesdf.viewing.opening import opened
@@ -53,7 +53,9 @@ def chromium() -> str:
 def browser() -> Iterator[Browser]:
     path = chromium()
     with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=path, headless=True, args=list(FLAGS))
+        running = playwright.chromium.launch(
+            executable_path=path, headless=True, args=list(FLAGS), timeout=1000 * PATIENCE
+        )
         yield running
         running.close()
 
@@ -64,7 +66,7 @@ def editor() -> Iterator[Editor]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, settings_of())
-    with serving(demo, "127.0.0.1", 18_080, 2) as running:
+    with serving(demo, "127.0.0.1", 0, 2) as running:
         yield running
     torch.set_num_threads(threads)
 

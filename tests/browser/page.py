@@ -11,7 +11,7 @@ from playwright.sync_api import ConsoleMessage, Locator, Page
 
 from cagesdf.cuboid import Cage
 
-PATIENCE = 90.0  # seconds; only what is broken takes them
+PATIENCE = 600.0  # seconds; only what is broken takes them
 SETTLED = "128 cells"
 NOISE = "Unable to preventDefault inside passive event listener"  # viser's own, as nodes are dragged
 
@@ -21,6 +21,7 @@ class EditorPage:
 
     def __init__(self, page: Page, address: str, screenshots: Path) -> None:
         self.page, self._screenshots = page, screenshots
+        page.set_default_timeout(1000 * PATIENCE)
         self.errors: list[str] = []
         self.requests: list[str] = []
         page.on("console", self._heard)
@@ -118,18 +119,28 @@ class EditorPage:
         self.choose("Part", part)
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
+    def drawn(self, frames: int = 3) -> None:
+        """Wait until the scene was drawn so many times: what came meanwhile is in it, and the mouse meets it."""
+        self.page.evaluate(
+            "count => new Promise(done => { const next = () => count-- > 0 ? requestAnimationFrame(next) : done();"
+            " next() })",
+            frames,
+        )
+
     def drag(self, start: tuple[float, float], way: tuple[float, float], steps: int = 8) -> None:
-        """With the mouse, slowly, as hands do: a frame takes a while without a graphics card."""
+        """With the mouse, as hands do: slowly, and at each place until it is drawn, however long that takes."""
         mouse = self.page.mouse
         mouse.move(start[0] - 2, start[1] - 2)
-        self.page.wait_for_timeout(400)
+        self.drawn()
         mouse.move(*start)
-        self.page.wait_for_timeout(800)
+        self.page.wait_for_timeout(500)
+        self.drawn()
         mouse.down()
-        self.page.wait_for_timeout(300)
+        self.drawn()
         for i in range(1, steps + 1):
             mouse.move(start[0] + way[0] * i / steps, start[1] + way[1] * i / steps)
-            self.page.wait_for_timeout(250)
+            self.page.wait_for_timeout(100)
+            self.drawn()
         mouse.up()
 
     def download(self, button: str, folder: Path) -> Path:

@@ -128,7 +128,7 @@ def test_dragging_an_arrow_moves_the_cuboid_and_undo_brings_the_very_same_surfac
     before, cuboid = page.settled(), state.cage[part]
     page.select(name)
     start = page.numbers("Centre")
-    page.page.wait_for_timeout(500)
+    page.drawn(10)
     at, to = page.pixel(grip(cuboid), camera), page.pixel(2 * grip(cuboid) - cuboid.centre, camera)
     way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 60
     page.drag(at, (float(way[0]), float(way[1])))
@@ -157,7 +157,7 @@ def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
     partner = page.numbers("Lengths")
     page.select(name)
     lengths = page.numbers("Lengths")
-    page.page.wait_for_timeout(500)
+    page.drawn(10)
     cuboid = state.cage[by_name(state, name)]
     axis, side = _nearest_face(state.cage, by_name(state, name), camera)
     ball = handle_place(cuboid, axis, side)
