@@ -229,6 +229,16 @@ def test_an_outline_that_crosses_itself_is_refused_by_its_place(outline: np.ndar
         mesh_of(points, [count, count + 1, count + 2], range(count))
 
 
+@given(seed=SEEDS)
+def test_a_small_outline_that_crosses_itself_is_read_with_its_edges(seed: int) -> None:
+    """Files of a public collection have some: a hundredth of the mesh at most is wrong then, and nothing is open."""
+    rng = np.random.default_rng(seed)
+    small = posed(0.02 * turns(5, 2), rng)
+    points = np.concatenate([small, np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0]])])
+    mesh = mesh_of(points, range(5), [5, 6, 7])
+    assert rim(mesh.faces[:3]) == Counter((i, (i + 1) % 5) for i in range(5))
+
+
 def test_a_band_that_ends_before_it_meets_itself_is_covered() -> None:
     assert_covers(spiral(0.9), one(np.column_stack([spiral(0.9), np.zeros(80)])).faces)
 

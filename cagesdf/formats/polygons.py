@@ -17,13 +17,14 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh, compact
+from cagesdf.meshes import Mesh, compact, face_areas
 
 MAX_CORNERS = 10_000  # of a polygon that isn't convex: its triangulation takes time with their square
 MAX_COORDINATE = 1e100  # beyond it, squares and products leave the range of float64
 STARTS = 4  # corners from which a fan is tried
 UNCERTAIN = (3 + 16 * 2.0**-53) * 2.0**-53  # times both products' sizes: error of the orientation of three points
 TOUCHING = 1e-6  # area that may be covered twice, in squared extents of the polygon: what float32 makes of a touch
+CROSSING = 0.01  # share of a mesh's area that outlines which cross themselves may cover wrongly
 SKEW = 1e-3  # volume of a quad's corners, in cubed extents, from which it lies in no plane
 
 Place = Callable[[int], str]  # file and line, or number, of a polygon
@@ -41,24 +42,30 @@ def triangulated(vertices: Float[ndarray, "v 3"], polygons: Polygons, place: Pla
     """The mesh of a file's polygons, in their order, winding kept, without the vertices that none uses.
 
     A polygon of k corners becomes k − 2 triangles whose areas add up to its own and whose outer edges are its
-    edges; none overlap, seen along its normal. Degenerate polygons become degenerate triangles. A quad whose
-    corners lie in no plane and whose outline crosses itself, seen along its normal, is split at the shorter diagonal.
+    edges; none overlap, seen along its normal. Degenerate polygons become degenerate triangles. Of an outline that
+    crosses itself, seen along its normal, only the edges and the sum of areas with signs are right; a quad whose
+    corners lie in no plane is split at its shorter diagonal then.
 
     Raises InputError, which begins with `place` of the polygon, for one with fewer than three corners, a
-    corner that names no vertex, coordinates that are NaN, infinite or beyond MAX_COORDINATE, an outline that crosses
-    itself, and more than MAX_CORNERS corners without being convex.
+    corner that names no vertex, coordinates that are NaN, infinite or beyond MAX_COORDINATE, more than MAX_CORNERS
+    corners without being convex, and outlines that cross themselves if what they cover wrongly is more than the share
+    CROSSING of the mesh.
     """
     _check(vertices, polygons, place)
     corners, counts = polygons.corners, polygons.counts
     starts, rows = np.cumsum(counts) - counts, np.cumsum(counts - 2) - (counts - 2)
     faces = np.empty((int((counts - 2).sum()), 3), np.int32)
-    scaled = _scaled(vertices, corners)
+    scaled, wrong = _scaled(vertices, corners), np.zeros(len(counts))
     order = np.argsort(counts, kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(counts[order])) + 1) if len(order) else []:
         count = int(counts[group[0]])
         loops = corners[starts[group, None] + np.arange(count)]
-        local = _triangles(scaled[loops], group, place)
+        local, wrong[group] = _triangles(scaled[loops], group, place)
         faces[rows[group, None] + np.arange(count - 2)] = np.take_along_axis(loops[:, None, :], local, axis=2)
+    if wrong.any() and wrong.sum() > CROSSING * face_areas(Mesh(scaled, faces)).sum():
+        raise InputError(
+            f"{place(int(wrong.argmax()))}: the outline of the face crosses itself; triangulate it, or export it again"
+        )
     return compact(Mesh(vertices, faces))
 
 
@@ -99,13 +106,15 @@ def _scaled(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, " c"]) -> Flo
     return np.ldexp(finite, -int(np.frexp(np.abs(finite).max(initial=0.0))[1]))
 
 
-def _triangles(points: Float[ndarray, "m k 3"], numbers: Int[ndarray, " m"], place: Place) -> Int[ndarray, "m k-2 3"]:
-    """The triangles of m polygons of k corners each, as corner numbers of their polygon."""
-    count = points.shape[1]
+def _triangles(
+    points: Float[ndarray, "m k 3"], numbers: Int[ndarray, " m"], place: Place
+) -> tuple[Int[ndarray, "m k-2 3"], Float[ndarray, " m"]]:
+    """The triangles of m polygons of k corners each, as corner numbers of their polygon, and the area that is wrong."""
+    count, wrong = points.shape[1], np.zeros(len(points))
     fan = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], axis=1)
     result = np.broadcast_to(fan, (len(points), *fan.shape)).copy()
     if count == 3:
-        return result
+        return result, wrong
     normals = _area_vectors(points)
     planes = _planes(points, normals)
     left = np.arange(len(points))
@@ -113,12 +122,14 @@ def _triangles(points: Float[ndarray, "m k 3"], numbers: Int[ndarray, " m"], pla
         convex = _fan_is_exact(np.roll(planes[left], -start, axis=1))
         result[left[convex]] = (fan + start) % count
         left = left[~convex]
+    if len(left) and count > MAX_CORNERS:
+        raise InputError(
+            f"{place(int(numbers[left[0]]))}: the face has {count:,} corners and isn't convex; wanted at most "
+            f"{MAX_CORNERS:,}, or triangles"
+        )
     for i in left:
-        try:
-            result[i] = _clipped(points[i], planes[i], float(np.linalg.norm(normals[i])))
-        except InputError as error:
-            raise InputError(f"{place(int(numbers[i]))}: {error}") from None
-    return result
+        result[i], wrong[i] = _clipped(points[i], planes[i], float(np.linalg.norm(normals[i])))
+    return result, wrong
 
 
 def _area_vectors(points: Float[ndarray, "m k 3"]) -> Float[ndarray, "m 3"]:
@@ -149,24 +160,21 @@ def _certainly_left(a: Float[ndarray, "m n 2"], b: Float[ndarray, "m l 2"]) -> B
     return forth - back > UNCERTAIN * (np.abs(forth) + np.abs(back))
 
 
-def _clipped(points: Float[ndarray, "k 3"], plane: Float[ndarray, "k 2"], area: float) -> Int[ndarray, "k-2 3"]:
-    """The triangles of one polygon, which may be concave or degenerate. Raises InputError without its place."""
-    if len(points) > MAX_CORNERS:
-        raise InputError(
-            f"the face has {len(points):,} corners and isn't convex; wanted at most {MAX_CORNERS:,}, or triangles"
-        )
+def _clipped(
+    points: Float[ndarray, "k 3"], plane: Float[ndarray, "k 2"], area: float
+) -> tuple[Int[ndarray, "k-2 3"], float]:
+    """The triangles of one polygon, which may be concave or degenerate, and how much of their area is wrong."""
     extent = float(np.ptp(points, axis=0).max())
-    allowed = TOUCHING * extent**2
     triangles = manifold3d.triangulate([_unit(plane)], 0.0, False)
-    if len(triangles) == len(points) - 2:
-        if area <= allowed:  # of any plane, none shows it
-            if np.linalg.norm(_area_vectors(points[triangles]), axis=1).sum() <= 4 * allowed:
-                return triangles
-        elif _covered_once(plane, plane[triangles], allowed):
-            return triangles
+    if area <= TOUCHING * extent**2:  # of any plane, none shows it
+        wrong = float(np.linalg.norm(_area_vectors(points[triangles]), axis=1).sum())
+    else:
+        wrong = _wrong_area(plane, triangles) * area
+    if wrong <= 4 * TOUCHING * extent**2:
+        return triangles, 0.0
     if len(points) == 4 and _volume(points) > SKEW * extent**3:
-        return _across_shorter_diagonal(points)
-    raise InputError("the outline of the face crosses itself; triangulate it, or export it again")
+        return _across_shorter_diagonal(points), 0.0
+    return triangles, wrong
 
 
 def _unit(plane: Float[ndarray, "k 2"]) -> Float[ndarray, "k 2"]:
@@ -175,18 +183,18 @@ def _unit(plane: Float[ndarray, "k 2"]) -> Float[ndarray, "k 2"]:
     return np.ldexp(near, -np.frexp(near.max(0))[1])
 
 
-def _covered_once(plane: Float[ndarray, "k 2"], triangles: Float[ndarray, "f 3 2"], allowed: float) -> bool:
-    """Whether triangles are positive and don't overlap, but for an area of `allowed`."""
-    a, b, c = triangles.transpose(1, 0, 2)
+def _wrong_area(plane: Float[ndarray, "k 2"], triangles: Int[ndarray, "f 3"]) -> float:
+    """The area that triangles of an outline cover twice or outside it, as a share of its own."""
+    a, b, c = plane[triangles].transpose(1, 0, 2)
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     areas = (ux * vy - uy * vx) / 2
-    if -areas[areas < 0].sum() > allowed:
-        return False
+    if (negative := -areas[areas < 0].sum()) > TOUCHING * areas.sum():
+        return float(2 * negative / areas.sum())
     # Positive triangles overlap where the outline winds about a point twice.
     near = plane - plane.min(0)
     extent = near.max()
     union = manifold3d.CrossSection([near / extent], manifold3d.FillRule.Positive).area() * extent**2
-    return bool(areas.sum() - union <= allowed)
+    return float(1 - union / areas.sum())
 
 
 def _volume(points: Float[ndarray, "4 3"]) -> float:
