@@ -16,7 +16,6 @@ ALLOWED = {
     "cuboid": {"errors", "frames"},
     "meshes": {"errors"},
     "distance": {"errors", "meshes"},
-    "coverage": {"meshes", "distance"},
     "meshlab": {"errors"},
     "coverage": {"errors", "meshes", "distance"},
     "solid": {"errors", "meshes", "cuboid", "distance", "meshlab", "coverage"},
