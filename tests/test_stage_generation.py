@@ -73,7 +73,8 @@ def write_inputs(folder: Path, others: list[Mesh], made: dict[str, dict[str, lis
 
 def run(folder: Path, out: Path) -> Path:
     places = (folder / "generated" / "stool", folder / "clouds" / "stool", folder / "features")
-    evaluate_generation.main(*places, out, PARAMS)
+    arms = tuple(sorted(path.name for path in places[0].iterdir()))
+    evaluate_generation.main(*places, out, PARAMS.model_copy(update={"generators": arms}))
     return out
 
 

@@ -179,6 +179,8 @@ def read_snapshot(folder: Path, steps: int, device: torch.device | str = "cpu") 
 
 
 def _read_arm(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; wanted a folder that the train stage wrote")
     arm = read_description(path)
     if arm.get("kind") != KIND or arm.get("version") != VERSION:
         got = f"{arm.get('kind')!s:.60} version {arm.get('version')!s:.60}"
