@@ -81,6 +81,8 @@ def as_manifold(mesh: Mesh) -> manifold3d.Manifold:
     the volume says so, vertices are moved by JITTER, the same way in every run.
     """
     solid = _read(mesh)
+    if len(mesh.faces) == 0:
+        return solid
     volume = signed_volume(mesh)
     if abs(solid.volume() - volume) <= CUT_OFF * abs(volume):
         return solid
