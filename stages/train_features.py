@@ -30,7 +30,7 @@ def main(out: Path, params: FeaturesParams) -> None:
     given = {"weights": Path(params.weights)} if params.weights else {}
     for path in given.values():
         if not path.is_file():
-            raise InputError(f"{path}: no such file; wanted a classifier's weights, or train_features.weights: \"\"")
+            raise InputError(f'{path}: no such file; wanted a classifier\'s weights, or train_features.weights: ""')
     with artefact.write("features", out, inputs={}, foreign=given, params=params) as folder:
         held_out = drawn("held out", params.val, params)
         features = read_features(given["weights"]) if given else trained(drawn("train", params.train, params), params)

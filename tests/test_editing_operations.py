@@ -415,7 +415,7 @@ def test_what_is_built_has_the_frame_of_its_files() -> None:
     ],
 )
 def test_a_frame_that_is_no_similarity_is_refused(frame: list[float]) -> None:
-    with pytest.raises(InputError, match="proper rotation|a scale above 0"):
+    with pytest.raises(InputError, match=r"proper rotation|a scale above 0"):
         do(chair(), Build(structure=chair().structure.to_json(), frame=tuple(frame)))
 
 
