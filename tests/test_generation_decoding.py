@@ -132,10 +132,12 @@ def test_the_seed_decides_what_is_drawn_and_a_temperature_of_0_draws_the_mean() 
     assert len(set(draw(0, 1.0))) > 1
     mean = program_or_reason(decode(model.decoder, torch.zeros(1, 6))[0])
     assert isinstance(mean, AssemblyProgram)
-    assert draw(0, 0.0) == draw(1, 0.0) == draw(0, 0.0)[:1] * 20
-    again = Assembly.from_json(draw(0, 0.0)[0]).program
-    assert exact_signature(again) == exact_signature(mean)
-    assert np.allclose(again.parameters(), mean.parameters(), atol=1e-5)
+    assert draw(0, 0.0) == draw(1, 0.0)
+    assert len(draw(0, 0.0)) == 20
+    for text in draw(0, 0.0):  # alike but for last digits: rows of one product differ in them on some processors
+        again = Assembly.from_json(text).program
+        assert exact_signature(again) == exact_signature(mean)
+        assert np.allclose(again.parameters(), mean.parameters(), atol=1e-5)
 
 
 def test_every_draw_is_kept_or_counted_and_stands_where_shapes_do() -> None:
