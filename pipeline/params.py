@@ -111,6 +111,8 @@ class SampleParams(Params):
     uniform: Natural  # in the whole cube
     per_cuboid: Natural  # at least so many in each cuboid
     beta: Positive  # importance weight is exp(-beta |sdf|)
+    part_near: Positive  # around a part's surface, for each unit of its area where its cuboid has length 1 (a box: 6)
+    part_uniform: Positive  # in a part's cuboid, the same
     shards: Count  # files
     max_rejected: Share
     seed: Natural

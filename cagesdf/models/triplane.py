@@ -94,7 +94,7 @@ class TriplaneDecoder(Decoder):
         count, points = unit.shape[:2]
         places = torch.stack([unit[..., axes] for axes in PLANES], dim=1) * (2 / (1 + 2 * BEYOND))
         found = grid_sample(
-            planes.view(3 * count, self.channels, self.cells, self.cells),
+            planes.reshape(3 * count, self.channels, self.cells, self.cells),
             places.view(3 * count, 1, points, 2),
             padding_mode="border",
             align_corners=True,
