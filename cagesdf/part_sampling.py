@@ -13,10 +13,9 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
+from cagesdf.frames import BEYOND, LEAST_UNIT
 from cagesdf.meshes import Mesh, face_areas
 
-BEYOND = 0.05  # points lie so far beyond the cuboid at most, in its lengths
-LEAST_UNIT = 0.02  # canonical: cuboids count as at least so thick where distances are scaled
 SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
 LEAST_CHUNKS = 2  # of a part at one step
 LARGEST = 150.0  # area of a surface in the unit frame that still gets more points; a box has 6

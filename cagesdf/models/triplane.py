@@ -14,13 +14,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 from torch.nn.functional import grid_sample
 
+from cagesdf.frames import BEYOND, LEAST_UNIT
 from cagesdf.models.decoders import CUBOID, Decoder, to_unit
 from cagesdf.models.film import MappingNetwork, modulated
 from cagesdf.models.sines import sine_features
 from cagesdf.models.transformer import CageTransformer
 
-BEYOND = 0.05  # the planes reach so far beyond the cuboid, in its lengths
-LEAST_UNIT = 0.02  # canonical: cuboids count as at least so thick where distances are scaled
 PLANES = tuple(combinations(range(3), 2))  # the axes of each plane
 
 
