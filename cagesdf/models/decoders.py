@@ -8,9 +8,10 @@ cuboids are canonical, distances too, negative inside. `cuboid` is the 15-vector
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from cagesdf.models.film import FilmBackbone, modulated
@@ -18,8 +19,21 @@ from cagesdf.models.film import FilmBackbone, modulated
 CUBOID = 15  # numbers that describe a cuboid (§3.1)
 
 
+TrainsOn = Literal["part", "cage", "cube"]
+
+
 class Decoder(nn.Module, ABC):
     """A network in three steps: what it is given of points, what groups need once, and the layers."""
+
+    trains_on: ClassVar[TrainsOn] = "cage"
+
+    def codes(
+        self, latent: Float[Tensor, "s d"], cuboids: Float[Tensor, "s p 15"], present: Bool[Tensor, "s p"]
+    ) -> Float[Tensor, "s p k"]:
+        return latent[:, None].expand(-1, cuboids.shape[1], -1)
+
+    def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
+        return torch.ones_like(cuboid[:, 0])
 
     @abstractmethod
     def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
@@ -100,6 +114,8 @@ class DeepSdfDecoder(Decoder):
     What a latent adds to a layer is the same for all points of its group: a shift. Their weight
     normalisation, dropout and final tanh are left out, as in the other decoders.
     """
+
+    trains_on = "cube"
 
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
         super().__init__()

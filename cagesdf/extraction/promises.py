@@ -3,11 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from numpy import ndarray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
@@ -16,89 +13,9 @@ from cagesdf.meshes import Mesh, compact, edge_keys, join, signed_volume
 from cagesdf.solid import as_manifold, cage_surface, from_manifold
 
 OVERSHOOT = 1e-3  # a surface leaves its cuboids by no more, in cells
-INTERIOR = 1e-6  # canonical units: what is this deep in a cuboid is far from what rounding does to its surface
-GOLDEN = 0.6180339887498949  # its multiples are spread evenly in [0, 1), modulo 1
 TWIN = 1e-3  # a cuboid's mirror image is another one if its corners are no further from that one's, canonical units
 ON_PLANE = 1e-9  # what is nearer to the mirror than this lies on it, canonical units
 AS_LARGE = 1 - 1e-6  # two pieces with this ratio of volumes are as large as each other
-
-
-def bounded(mesh: Mesh, cage: Cage) -> Mesh:
-    """The intersection of a closed, manifold mesh with the union of the cuboids.
-
-    Patches of faces in the interior of one cuboid, nearly the whole mesh, don't go through it: fans that end at
-    the same edges take their places meanwhile. A patch and its fan lie in one cuboid, which is
-    convex, so between them they enclose nothing of the cage's surface, nor beyond it.
-    """
-    cuboids = as_manifold(cage_surface(cage))
-    spared, rim = spared_faces(mesh, cage)
-    ends, centres, fans = fans_over(mesh, rim)
-    light = compact(Mesh(np.concatenate([mesh.vertices, centres]), np.concatenate([mesh.faces[~spared], fans])))
-    cut = from_manifold(as_manifold(light) ^ cuboids)
-    # What is inside comes back as it was, in another order.
-    gaps, place = map(np.asarray, cKDTree(cut.vertices).query(np.concatenate([mesh.vertices[ends], centres])))
-    central = np.zeros(len(cut.vertices), bool)
-    central[place[len(ends) :]] = True
-    in_fans = central[cut.faces].any(axis=1)
-    renumbered = np.arange(len(mesh.vertices) + len(centres)) + len(cut.vertices)
-    renumbered[ends], renumbered[len(mesh.vertices) :] = place[: len(ends)], place[len(ends) :]
-    if gaps.any() or not same_faces(cut.faces[in_fans], renumbered[fans]):
-        return from_manifold(as_manifold(mesh) ^ cuboids)  # the library has swapped edges of a fan: rare
-    faces = np.concatenate([cut.faces[~in_fans], renumbered[mesh.faces[spared]]])
-    return compact(Mesh(np.concatenate([cut.vertices, mesh.vertices]), faces))
-
-
-def same_faces(some: Int[ndarray, "f 3"], others: Int[ndarray, "g 3"]) -> bool:
-    """Whether these are the same faces, in any order, from whichever vertex on."""
-    one, other = (
-        turned[np.lexsort(turned.T)]
-        for faces in (some, others)
-        for turned in [np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)]
-    )
-    return np.array_equal(one, other)
-
-
-def spared_faces(mesh: Mesh, cage: Cage) -> tuple[Bool[ndarray, " f"], Int[ndarray, "e 2"]]:
-    """Faces in the interior of one cuboid each, and the directed edges that part them from others, in simple loops."""
-    owner = cage.holder(mesh.vertices, INTERIOR)
-    a, b, c = owner[mesh.faces].T
-    spared = (a >= 0) & (a == b) & (a == c)
-    while True:
-        rim = rim_of(mesh, spared)
-        met_twice = np.bincount(rim[:, 0], minlength=len(mesh.vertices)) > 1
-        if not met_twice.any():
-            return spared, rim
-        spared &= ~met_twice[mesh.faces].any(axis=1)
-
-
-def rim_of(mesh: Mesh, chosen: Bool[ndarray, " f"]) -> Int[ndarray, "e 2"]:
-    """The directed edges of the chosen faces whose other face is not chosen."""
-    used, used_by_others = np.zeros((2, len(mesh.vertices)), bool)
-    used[mesh.faces[chosen]] = used_by_others[mesh.faces[~chosen]] = True
-    beside = np.count_nonzero((used & used_by_others)[mesh.faces], axis=1) > 1
-    here, there = (
-        mesh.faces[some][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
-        for some in (beside & chosen, beside & ~chosen)
-    )
-    count = len(mesh.vertices)
-    return here[np.isin(here @ [count, 1], there @ [1, count])]
-
-
-def fans_over(
-    mesh: Mesh, rim: Int[ndarray, "e 2"]
-) -> tuple[Int[ndarray, " k"], Float[ndarray, "l 3"], Int[ndarray, "e 3"]]:
-    """Fans that close simple loops of directed edges: the loops' vertices, the fans' centres, and their faces.
-
-    Centres are numbered on from the mesh's vertices; they are means with uneven weights, since on a
-    lattice even ones are in line with others.
-    """
-    ends, local = np.unique(rim, return_inverse=True)
-    links = coo_array((np.ones(len(rim), bool), local.reshape(-1, 2).T), (len(ends),) * 2)
-    loops, loop = connected_components(links, directed=False)
-    weights = 1 + np.arange(len(ends)) * GOLDEN % 1
-    sums = [np.bincount(loop, weights * mesh.vertices[ends, k], loops) for k in range(3)]
-    centres = np.stack(sums, axis=1) / np.bincount(loop, weights, loops)[:, None]
-    return ends, centres, np.column_stack([rim, len(mesh.vertices) + loop[local.reshape(-1, 2)[:, 0]]])
 
 
 def symmetric_none(mesh: Mesh, cage: Cage) -> Mesh:
