@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from manifold3d import Manifold, OpType
+
 from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
@@ -10,7 +12,7 @@ from cagesdf.extraction.marching import NOTHING, Part, part_of
 from cagesdf.extraction.promises import check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
-from cagesdf.solid import union
+from cagesdf.solid import from_manifold
 
 LEAST = 16  # cells along each axis of a cuboid, however thin
 PREVIEW_LEAST = 12  # the same where a surface is to be there at once
@@ -105,14 +107,15 @@ class LiveSurface:
         return self._united(field.cage, parts, sum(part.asked for part in new.values()))
 
     def _united(self, cage: Cage, parts: Sequence[Part], asked: int) -> Extraction:
-        solids = {part_id: part.solid for part_id, part in zip(cage.part_ids, parts)}
-        held = [solid for solid in solids.values() if len(solid.faces)]
+        meshes = {part_id: part.mesh for part_id, part in zip(cage.part_ids, parts)}
+        held = [part.solid for part in parts if len(part.mesh.faces)]
         if not held:
-            return Extraction(NOTHING, solids, asked, 0.0, 0, 0, 0.0)
-        whole = self.symmetry(union(held), cage)
+            return Extraction(NOTHING, meshes, asked, 0.0, 0, 0, 0.0)
+        whole = from_manifold(Manifold.batch_boolean(held, OpType.Add))
+        whole = self.symmetry(whole, cage)
         mesh = self.loose(whole)
         overshoot = check(mesh, cage, self.cell)
         components = count_pieces(mesh)
         dropped = 0 if mesh is whole else count_pieces(whole) - components
-        clipped = sum(part.clipped for part in parts) / sum(len(solid.vertices) for solid in held)
-        return Extraction(mesh, solids, asked, clipped, components, dropped, overshoot)
+        clipped = sum(part.clipped for part in parts) / sum(part.vertices for part in parts)
+        return Extraction(mesh, meshes, asked, clipped, components, dropped, overshoot)
