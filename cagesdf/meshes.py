@@ -81,7 +81,7 @@ def vertex_normals(mesh: Mesh) -> Float[ndarray, "v 3"]:
         [sum(np.bincount(corner, across[:, k], count) for corner in mesh.faces.T) for k in range(3)], axis=1
     )
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
+    return np.divide(sums, lengths, out=np.zeros(sums.shape), where=lengths > 0)
 
 
 def face_areas(mesh: Mesh) -> Float[ndarray, " f"]:

@@ -17,6 +17,9 @@ LIPSCHITZ = 1.5
 # nearer to 0 than their mean, in steps between points: as if the slope changed by no more than twice that.
 # With half of it pieces were lost (docs/log.md).
 BEND = 1.0
+# A point on a face counts as inside where the surface ends before it by no more than this, in the shortest steps: parts
+# that fill their cuboids end there, and rounding would chamfer their edges by a cell.
+FILLED = 0.05
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
 POSITIVE = np.float32(1)  # what is beyond the faces
 
@@ -28,7 +31,9 @@ Triple = tuple[int, ...]  # a number for each axis
 class Answers:
     """What is known of a lattice, with a layer of points around it that are outside."""
 
-    values: Float32[ndarray, "r s t"]  # exact at both ends of edges with two signs, elsewhere with the right sign
+    values: Float32[
+        ndarray, "r s t"
+    ]  # as `answered` at both ends of edges with two signs, elsewhere with the right sign
     asked: int  # points given to the network
 
 
@@ -39,8 +44,14 @@ def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
     """Ask at every point."""
     values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
     places = np.argwhere(np.ones(lattice.shape, bool))
-    values[INNER] = ask(lattice.points(places)).reshape(lattice.shape)
+    values[INNER] = answered(ask, lattice, places).reshape(lattice.shape)
     return Answers(values, len(places))
+
+
+def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
+    """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
+    on_face = ((places == 0) | (places == lattice.cells)).any(axis=1)
+    return ask(lattice.points(places)) - np.float32(FILLED * lattice.steps.min()) * on_face
 
 
 def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
@@ -64,7 +75,7 @@ def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
         these = tuple(map(slice, first, bound.shape, strides))
         places = np.argwhere(bound[these] == 0) * strides + first
         where = tuple(places.T)
-        bound[where] = ask(lattice.points(places))
+        bound[where] = answered(ask, lattice, places)
         asked[where] = True
     follow(ask, lattice, values, known)
     return Answers(values, int(np.count_nonzero(asked)))
@@ -74,7 +85,7 @@ METHODS: dict[str, Method] = {"sparse": ask_sparsely, "dense": ask_densely}
 
 
 def first_strides(lattice: Lattice, reach: float) -> Triple:
-    """Cells along each axis between the points asked first: no value says more than `reach`, however far the surface."""
+    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is."""
     strides = []
     for step, cells in zip(lattice.steps.tolist(), lattice.cells.tolist()):
         stride = 1
@@ -98,10 +109,10 @@ def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
 
 
 def spread(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, slopes: Float[ndarray, " 3"]) -> None:
-    """Carry bounds to a sublattice from the points around, which lie on earlier ones; `slopes` are the losses a cell."""
+    """Carry bounds to a sublattice from the points around, which lie on earlier ones; `slopes` are losses a step."""
     for signs in product(*((-1, 0, 1) if start else (0,) for start in first)):
-        if not any(signs):
-            continue
+        if not any(signs) or (max(strides) == 2 and np.count_nonzero(signs) > 1):
+            continue  # on the last halving, which costs most, along the axes alone: a twentieth more points is asked
         steps = [sign * stride // 2 for sign, stride in zip(signs, strides)]
         beside = tuple(start + step for start, step in zip(first, steps))
         target, source = _pairs(bound, strides, first, beside)
@@ -143,7 +154,7 @@ def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known:
     around = np.array([s * t, -s * t, t, -t, 1, -1])
     while len(pending):
         places = np.stack(np.unravel_index(pending, values.shape), axis=1) - 1
-        flat[pending] = ask(lattice.points(places))
+        flat[pending] = answered(ask, lattice, places)
         asked[pending] = True
         changed = pending[signs[pending] != (flat[pending] < 0)]
         signs[changed] ^= True

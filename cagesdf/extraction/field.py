@@ -14,7 +14,7 @@ from cagesdf.frames import HALF_EXTENT, OUTSIDE
 from cagesdf.models.codes import part_codes
 from cagesdf.models.decoders import Decoder, TrainsOn
 
-GROUP = 480  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
+GROUP = 960  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
 ROWS = 96  # numbers of points are rounded up to this: libraries compute what is left over of their blocks otherwise
 # Of values beyond this, in the decoder's unit, only the sign counts: there networks haven't learnt distances.
 REACH: Mapping[TrainsOn, float] = {"part": 0.5, "cage": OUTSIDE, "cube": OUTSIDE}

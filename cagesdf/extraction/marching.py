@@ -21,7 +21,8 @@ FARTHEST = 0.4
 # Faces are made fewer where that moves the surface by no more than this, in the shortest steps: of a 64th of its
 # length (docs/extraction.md), and two to five times fewer.
 EVEN = 0.05
-# A vertex on a face counts as clipped where the network would go on beyond it by more, in cells.
+# A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
+# of the most that it can.
 CLIP_TOLERANCE = 0.25
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
 
@@ -48,11 +49,14 @@ def part_of(field: CageField, cuboid: int, cell: float, least: int, method: Meth
 
     lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, least)
     answers = method(ask, field.reach(cuboid), lattice)
+    asked = answers.asked
     marched = march(answers.values, lattice)
-    mesh, asked = drawn(marched, ask, lattice)
+    del answers  # the largest thing in memory at 512 cells
+    clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
+    mesh, drawn_by = drawn(marched, ask, lattice)
+    del marched
     solid = as_manifold(mesh).simplify(EVEN * float(lattice.steps.min()))
-    clipped = int(np.count_nonzero(marched.clipped < -CLIP_TOLERANCE * cell))
-    return Part(from_manifold(solid), solid, len(mesh.vertices), clipped, answers.asked + asked)
+    return Part(from_manifold(solid), solid, len(mesh.vertices), clipped, asked + drawn_by)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +83,8 @@ def march(values: Float32[ndarray, "r s t"], lattice: Lattice) -> Marched:
     # more of values. Where exactly is reckoned in float64.
     signs = np.where(negative, np.float32(-1), np.float32(1))
     halfway, faces, _, _ = marching_cubes(signs, level=0.0, gradient_direction="descent", method="lorensen")
-    low, high = np.floor(halfway).astype(int), np.ceil(halfway).astype(int)
+    del negative, signs
+    low, high = np.floor(halfway).astype(np.int32), np.ceil(halfway).astype(np.int32)
     below, above = (values[tuple(ends.T)].astype(np.float64) for ends in (low, high))
     share = (below / (below - above)).clip(NUDGE, 1 - NUDGE)
     places = (low - 1 + share[:, None] * (high - low)).clip(0, lattice.cells)

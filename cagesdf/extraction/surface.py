@@ -1,6 +1,6 @@
 """From a field to a closed surface within the cage, at once or edit by edit (§3.6)."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from manifold3d import Manifold, OpType
@@ -9,7 +9,7 @@ from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.marching import NOTHING, Part, part_of
-from cagesdf.extraction.promises import check, count_pieces, keep_loose, symmetric_none
+from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
 from cagesdf.solid import from_manifold
@@ -18,7 +18,7 @@ LEAST = 16  # cells along each axis of a cuboid, however thin
 PREVIEW_LEAST = 12  # the same where a surface is to be there at once
 
 Loose = Callable[[Mesh], Mesh]  # from a mesh to what of it is kept; one of LOOSE
-Symmetry = Callable[[Mesh, Cage], Mesh]  # one of SYMMETRIES
+Symmetry = Callable[[Mesh, Meshes, Cage], tuple[Mesh, Meshes]]  # one of SYMMETRIES
 # From what is to be done with a cuboid's number, and numbers, to what comes of each, in order: `map`, or a pool's.
 Each = Callable[[Callable[[int], Part], Iterable[int]], Iterable[Part]]
 
@@ -28,7 +28,7 @@ class Extraction:
     """A surface, and what it took."""
 
     mesh: Mesh  # canonical, closed, manifold, outward, within the cuboids; no faces if the network says outside
-    parts: Mapping[str, Mesh]  # what each cuboid holds, as closed; the mesh is their union, but for what `loose` drops
+    parts: Meshes  # what each cuboid holds, as closed; the mesh is their union, but for what `loose` drops
     asked: int  # points given to the network
     clipped: float  # share of the parts' vertices where the cage cut off what the network wanted
     components: int  # pieces of the mesh that hang together
@@ -107,12 +107,12 @@ class LiveSurface:
         return self._united(field.cage, parts, sum(part.asked for part in new.values()))
 
     def _united(self, cage: Cage, parts: Sequence[Part], asked: int) -> Extraction:
-        meshes = {part_id: part.mesh for part_id, part in zip(cage.part_ids, parts)}
+        meshes: Meshes = {part_id: part.mesh for part_id, part in zip(cage.part_ids, parts)}
         held = [part.solid for part in parts if len(part.mesh.faces)]
         if not held:
             return Extraction(NOTHING, meshes, asked, 0.0, 0, 0, 0.0)
         whole = from_manifold(Manifold.batch_boolean(held, OpType.Add))
-        whole = self.symmetry(whole, cage)
+        whole, meshes = self.symmetry(whole, meshes, cage)
         mesh = self.loose(whole)
         overshoot = check(mesh, cage, self.cell)
         components = count_pieces(mesh)
