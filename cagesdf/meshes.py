@@ -74,6 +74,16 @@ def face_normals(mesh: Mesh) -> Float[ndarray, "f 3"]:
     return np.cross(b - a, c - a)
 
 
+def vertex_normals(mesh: Mesh) -> Float[ndarray, "v 3"]:
+    """Unit normals, the mean of the faces' around each vertex, weighted by area; 0 where that is nothing."""
+    across, count = face_normals(mesh), len(mesh.vertices)
+    sums = np.stack(
+        [sum(np.bincount(corner, across[:, k], count) for corner in mesh.faces.T) for k in range(3)], axis=1
+    )
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.divide(sums, lengths, out=np.zeros(sums.shape), where=lengths > 0)
+
+
 def face_areas(mesh: Mesh) -> Float[ndarray, " f"]:
     """Areas, in squared mesh units."""
     return np.linalg.norm(face_normals(mesh), axis=1) / 2

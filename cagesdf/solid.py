@@ -80,10 +80,10 @@ def as_manifold(mesh: Mesh) -> manifold3d.Manifold:
     vertices lie exactly on edges, it may turn edges that aren't flat and cut a corner off (3.5.4). If
     the volume says so, vertices are moved by JITTER, the same way in every run.
     """
-    solid = _read(mesh)
     if len(mesh.faces) == 0:
-        return solid
+        return _read(mesh)
     volume = signed_volume(mesh)
+    solid = _read(mesh)
     if abs(solid.volume() - volume) <= CUT_OFF * abs(volume):
         return solid
     jitter = np.random.default_rng(0).uniform(-JITTER, JITTER, mesh.vertices.shape) * np.ptp(mesh.vertices)

@@ -1,29 +1,30 @@
-"""Where the network is asked: little, only in cuboids, and with the surface of asking everywhere."""
+"""Where the network is asked: little, only in its cuboid, and with the signs of asking everywhere."""
+
+from math import prod
 
 import numpy as np
 import pytest
-import torch
-from analytic import sphere_sdf
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_extraction import Analytic
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.extraction import METHODS, CageField
-from cagesdf.extraction.asking import LIPSCHITZ, ask_densely, ask_sparsely, first_stride, sublattices
-from cagesdf.extraction.field import outside_union
-from cagesdf.extraction.joining import Joined, part_of
-from cagesdf.extraction.lattice import Lattice, Region
-from cagesdf.frames import OUTSIDE
+from cagesdf.extraction.asking import (
+    INNER,
+    LIPSCHITZ,
+    ask_densely,
+    ask_sparsely,
+    ends,
+    first_strides,
+    sublattices,
+)
+from cagesdf.extraction.lattice import Lattice
 
-
-def rotation(rng: np.random.Generator) -> np.ndarray:
-    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return q * np.sign(np.linalg.det(q))
+REACH = 0.1
 
 
 def cuboid(rng: np.random.Generator) -> Cuboid:
-    return Cuboid(rng.uniform(-0.3, 0.3, 3), rotation(rng), rng.uniform(0.05, 0.9, 3))
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return Cuboid(rng.uniform(-0.3, 0.3, 3), q * np.sign(np.linalg.det(q)), rng.uniform(0.05, 0.9, 3))
 
 
 def cones(rng: np.random.Generator, slope: float):
@@ -32,37 +33,39 @@ def cones(rng: np.random.Generator, slope: float):
 
     def ask(points: np.ndarray) -> np.ndarray:
         away = np.linalg.norm(points[:, None] - tips, axis=2) + heights
-        return (slope * away.min(axis=1)).clip(-OUTSIDE, OUTSIDE).astype(np.float32)
+        return (slope * away.min(axis=1)).clip(-REACH, REACH).astype(np.float32)
 
     return ask
 
 
-@given(size=st.tuples(*[st.integers(1, 21)] * 3), stride=st.sampled_from([1, 2, 8]))
+@given(size=st.tuples(*[st.integers(1, 21)] * 3), strides=st.tuples(*[st.sampled_from([1, 2, 8])] * 3))
 @settings(max_examples=30, deadline=None)
-def test_the_sublattices_have_each_point_once(size: tuple[int, int, int], stride: int) -> None:
+def test_the_sublattices_have_each_point_once(size: tuple[int, int, int], strides: tuple[int, int, int]) -> None:
     times = np.zeros(size, int)
-    for step, first in sublattices(stride):
-        times[tuple(slice(start, None, step) for start in first)] += 1
+    for step, first in sublattices(strides):
+        times[tuple(map(slice, first, size, step))] += 1
     assert (times == 1).all()
 
 
-@given(seed=st.integers(0, 10**6), cell=st.sampled_from([0.031, 0.05, 0.09]))
+@given(seed=st.integers(0, 10**6), cell=st.sampled_from([0.031, 0.05, 0.09]), least=st.integers(1, 20))
 @settings(max_examples=20, deadline=None)
-def test_a_region_has_the_points_that_the_cuboid_contains_and_their_depths(seed: int, cell: float) -> None:
-    rng = np.random.default_rng(seed)
-    item = cuboid(rng)
-    region = Region.around(item, cell)
-    places = np.argwhere(np.ones(region.lattice.shape))
-    distance = Cage.of({"a": item}).signed_distance(region.lattice.points(places))[:, 0]
-    clear = np.abs(distance) > 1e-6
-    np.testing.assert_array_equal(region.inside.reshape(-1)[clear], distance[clear] <= 0)
-    assert not region.inside[[0, -1]].any()
-    x, y, z = region.lattice.start
-    around = Lattice((x - 2, y - 2, z - 2), (400, 400, 400), cell)
-    rows, flat, depth = region.among(places + 2, around)
-    np.testing.assert_array_equal(rows, np.flatnonzero(region.inside))
-    np.testing.assert_array_equal(flat, rows)
-    np.testing.assert_allclose(depth, distance[rows], atol=1e-6)
+def test_a_lattice_goes_from_face_to_face_in_steps_no_longer_than_the_cell(seed: int, cell: float, least: int) -> None:
+    item = cuboid(np.random.default_rng(seed))
+    lattice = Lattice.of(item, cell, least)
+    assert (lattice.steps <= cell * (1 + 1e-6)).all()
+    assert (lattice.cells >= least).all()
+    assert ((lattice.cells == least) | (item.size / (lattice.cells - 1) > cell)).all(), "no more than it takes"
+    places = np.argwhere(np.ones(lattice.shape))
+    unit = Cage.of({"a": item}).to_unit(lattice.points(places), 0)
+    np.testing.assert_allclose(unit, places / lattice.cells - 0.5, atol=1e-12)
+    straight = Lattice(Cuboid(item.centre, np.eye(3), item.size), lattice.cells)
+    assert len(np.unique(straight.points(places)[places[:, 0] == lattice.cells[0], 0])) == 1
+
+
+@pytest.mark.parametrize(("cells", "size"), [(10, 1.0), (64, 2.1), (7, 0.7)])
+def test_rounding_makes_no_further_cell(cells: int, size: float) -> None:
+    item = Cuboid(np.zeros(3), np.eye(3), np.full(3, size))
+    assert Lattice.of(item, size / cells, 1).cells.tolist() == [cells] * 3
 
 
 @given(seed=st.integers(0, 10**6), share=st.floats(0.2, 1))
@@ -70,56 +73,35 @@ def test_a_region_has_the_points_that_the_cuboid_contains_and_their_depths(seed:
 def test_fields_no_steeper_than_the_margin_are_never_misjudged_above_the_finest_step(seed: int, share: float) -> None:
     """Every point settled at a distance of more than a cell has the sign that asking gives."""
     rng = np.random.default_rng(seed)
-    region, ask = Region.around(cuboid(rng), 0.02), cones(rng, share * LIPSCHITZ)
-    sparse, dense = ask_sparsely(ask, region), ask_densely(ask, region)
-    wrong = sparse.negative != dense.negative
+    lattice, ask = Lattice.of(cuboid(rng), 0.02, 12), cones(rng, share * LIPSCHITZ)
+    sparse, dense = (method(ask, REACH, lattice) for method in (ask_sparsely, ask_densely))
+    wrong = (sparse.values < 0) != (dense.values < 0)
     # The finest step settles from two sides: it may overlook a tip within a cell, and nothing larger.
-    assert wrong.sum() <= 0.001 * region.inside.sum()
-    assert np.abs(dense.exact[wrong]).max(initial=0) < LIPSCHITZ * 0.02
-    known = ~np.isnan(sparse.exact)
-    np.testing.assert_array_equal(sparse.exact[known], dense.exact[known])
-    assert sparse.asked == known.sum() <= dense.asked
+    assert wrong.sum() <= 0.001 * dense.asked
+    assert np.abs(dense.values[wrong]).max(initial=0) < LIPSCHITZ * lattice.steps.max()
+    assert sparse.asked <= dense.asked == prod(lattice.shape)
+    at_surface = ends(sparse.values < 0)[INNER]
+    np.testing.assert_array_equal(sparse.values[INNER][at_surface], dense.values[INNER][at_surface])
 
 
-def bumpy(slope: float) -> Analytic:
-    """A ball with waves, of any slope."""
-    return Analytic(lambda points: slope * (sphere_sdf(points, 0.55) + 0.02 * np.sin(20 * points[:, 1])))
-
-
-@pytest.mark.parametrize("slope", [0.7, 1.0, 6.0])
-def test_asking_sparsely_gives_the_surface_of_asking_everywhere(slope: float) -> None:
-    """Also for a network much steeper than a distance: the surface is followed."""
-    cage = Cage.of(
-        {
-            "body": Cuboid(np.array([0, -0.1, 0]), np.eye(3), np.array([1.2, 1.3, 1.1])),
-            "neck": Cuboid(np.array([0, 0.6, 0]), np.eye(3), np.array([0.5, 0.6, 0.5])),
-        }
-    )
-    field = CageField(bumpy(slope), torch.zeros(4), cage, outside_union)
-    parts = {name: [part_of(field, k, 0.02, method) for k in range(2)] for name, method in METHODS.items()}
-    joined = {name: Joined(field, some, 0.02) for name, some in parts.items()}
-    asked = {name: sum(p.answers.asked for p in some) + joined[name].asked for name, some in parts.items()}
-    np.testing.assert_array_equal(joined["sparse"].negative, joined["dense"].negative)
-    ends = ~np.isnan(joined["dense"].values)
-    np.testing.assert_array_equal(joined["sparse"].values[ends], joined["dense"].values[ends])
-    assert asked["sparse"] < asked["dense"] / 2.5
-    assert asked["dense"] == sum(int(part.region.inside.sum()) for part in parts["dense"])
-
-
-def test_the_network_is_asked_only_in_cuboids_and_once_a_point() -> None:
+def test_the_network_is_asked_only_in_the_cuboid_and_once_a_point() -> None:
     rng = np.random.default_rng(3)
     item, seen = cuboid(rng), []
-    region, cone = Region.around(item, 0.011), cones(rng, 1.0)
+    lattice, cone = Lattice.of(item, 0.011, 12), cones(rng, 1.0)
 
     def ask(points: np.ndarray) -> np.ndarray:
         seen.append(points)
         return cone(points)
 
-    answers = ask_sparsely(ask, region)
+    answers = ask_sparsely(ask, REACH, lattice)
     points = np.concatenate(seen)
-    assert Cage.of({"a": item}).signed_distance(points).max() < 1e-6
-    assert answers.asked == len(points) == len(np.unique(np.rint(points / 0.011), axis=0))
+    assert Cage.of({"a": item}).signed_distance(points).max() < 1e-12
+    assert answers.asked == len(points) == len(np.unique(points, axis=0))
+    assert answers.asked < prod(lattice.shape) / 2
 
 
-def test_the_first_points_are_as_far_apart_as_a_value_can_settle() -> None:
-    assert [first_stride(cell) for cell in (0.2, 0.02, 0.0082, 0.0041)] == [1, 2, 8, 16]
+def test_the_first_points_are_as_far_apart_along_each_axis_as_a_value_can_settle() -> None:
+    thin = Lattice(Cuboid(np.zeros(3), np.eye(3), np.array([1.6, 0.082, 0.41])), np.array([8, 10, 100]))
+    assert first_strides(thin, 0.1) == (1, 8, 16)
+    assert first_strides(Lattice(thin.cuboid, np.array([8, 2, 3])), 0.1) == (1, 1, 1)
+    assert first_strides(Lattice(thin.cuboid, np.array([8, 10, 100])), 100.0) == (8, 16, 128), "no more than there are"

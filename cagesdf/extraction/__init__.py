@@ -1,36 +1,47 @@
-"""From a network, a latent and a cage to a closed surface (§3.6).
+"""From a network, the codes of parts and a cage to closed solids and their union (§3.6).
 
-The network is asked only where a cuboid is, and there only where a surface can be. Marching cubes
-of its values leaves the cage by part of a cell wherever a part fills its cuboid, so the last step
-is the exact intersection with the union of the cuboids: nothing lies outside.
+Each cuboid is asked on a lattice of its own, along its own axes, and there only where a surface can
+be. What lies beyond its faces is outside, so that the solid ends on them exactly: parts that fill their cuboids have
+flat faces and sharp edges, and nothing lies outside. The shape is the exact union of its parts.
 
-lattice.py    the grid, and the part of it that each cuboid has
-field.py      a decoder with a latent and a cage; where cuboids overlap, and where they end
+lattice.py    the points of a cuboid
+field.py      a decoder with a cage and the codes of its parts
 asking.py     sparse or dense
-joining.py    one field from the answers of all cuboids
-bounding.py   what is promised of every surface
+marching.py   from values to the closed solid of a part
+promises.py   what is promised of every surface
 surface.py    `extract`, and `LiveSurface` for edits
 """
 
 from cagesdf.extraction.asking import METHODS, ask_densely, ask_sparsely
-from cagesdf.extraction.bounding import LOOSE, SYMMETRIES
-from cagesdf.extraction.field import FIELDS, OUTSIDES, OVERLAPS, CageField, cube_field
-from cagesdf.extraction.surface import Each, Extraction, LiveSurface, extract, extract_surface
+from cagesdf.extraction.field import CUBE, CageField, field_of
+from cagesdf.extraction.marching import NOTHING, Part
+from cagesdf.extraction.promises import LOOSE, SYMMETRIES
+from cagesdf.extraction.surface import (
+    LEAST,
+    PREVIEW_LEAST,
+    Each,
+    Extraction,
+    LiveSurface,
+    extract,
+    extract_surface,
+)
 
 __all__ = [
-    "FIELDS",
+    "CUBE",
+    "LEAST",
     "LOOSE",
     "METHODS",
-    "OUTSIDES",
-    "OVERLAPS",
+    "NOTHING",
+    "PREVIEW_LEAST",
     "SYMMETRIES",
     "CageField",
     "Each",
     "Extraction",
     "LiveSurface",
+    "Part",
     "ask_densely",
     "ask_sparsely",
-    "cube_field",
     "extract",
     "extract_surface",
+    "field_of",
 ]

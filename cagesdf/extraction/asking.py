@@ -1,121 +1,173 @@
-"""Which points of a cuboid the network is asked at."""
+"""Which points of a cuboid's lattice the network is asked at."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray
 
-from cagesdf.extraction.lattice import Region
-from cagesdf.frames import OUTSIDE
+from cagesdf.extraction.lattice import Lattice
 
 # A value settles the sign of the points that are nearer than its size over this: 1 for a true
 # distance, the rest for a network's slope.
 LIPSCHITZ = 1.5
-# Between two neighbours of one sign on the lattice's last halving, the value counts as at most this
-# much nearer to 0 than their mean, in cells: as if the slope changed by no more than twice that. With half
-# of it pieces were lost (docs/log.md).
+# Between two neighbours of one sign on the last halving along an axis, the value counts as at most this much
+# nearer to 0 than their mean, in steps between points: as if the slope changed by no more than twice that.
+# With half of it pieces were lost (docs/log.md).
 BEND = 1.0
+# A point on a face counts as inside where the surface ends before it by no more than this, in the shortest steps: parts
+# that fill their cuboids end there, and rounding would chamfer their edges by a cell.
+FILLED = 0.05
+INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
+POSITIVE = np.float32(1)  # what is beyond the faces
 
 Ask = Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]]
+Triple = tuple[int, ...]  # a number for each axis
 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What the network said on a region."""
+    """What is known of a lattice, with a layer of points around it that are outside."""
 
-    negative: Bool[ndarray, "r s t"]  # its sign, or what was concluded of it; false outside the cuboid
-    exact: Float32[ndarray, "r s t"]  # its value; NaN where it was not asked
+    values: Float32[
+        ndarray, "r s t"
+    ]  # as `answered` at both ends of edges with two signs, elsewhere with the right sign
     asked: int  # points given to the network
 
 
-Method = Callable[[Ask, Region], Answers]
+Method = Callable[[Ask, float, Lattice], Answers]
 
 
-def ask_densely(ask: Ask, region: Region) -> Answers:
-    """Ask at every point in the cuboid."""
-    values = np.full(region.lattice.shape, np.nan, np.float32)
-    places = np.argwhere(region.inside)
-    values[region.inside] = ask(region.lattice.points(places))
-    return Answers(values < 0, values, len(places))
+def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
+    """Ask at every point."""
+    values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
+    places = np.argwhere(np.ones(lattice.shape, bool))
+    values[INNER] = answered(ask, lattice, places).reshape(lattice.shape)
+    return Answers(values, len(places))
 
 
-def ask_sparsely(ask: Ask, region: Region) -> Answers:
-    """Ask at the points in the cuboid that may lie next to the network's surface, coarse to fine.
+def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
+    """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
+    on_face = ((places == 0) | (places == lattice.cells)).any(axis=1)
+    return ask(lattice.points(places)) - np.float32(FILLED * lattice.steps.min()) * on_face
 
-    The lattice is halved again and again. A point of it is asked unless an earlier one has settled
-    it: a value v says that the surface is no nearer than |v| / LIPSCHITZ. The last halving, most of
-    the points, also concludes from two sides. So for a field that is no steeper, only tips and
-    sheets thinner than a cell are overlooked, which asking everywhere finds by chance. Wherever the
-    surface is met, `joining` follows it to its end, however steep the network, and no value at the
-    surface is ever a guess.
+
+def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
+    """Ask at the points that may lie next to the network's surface, coarse to fine; values are at most `reach`.
+
+    The lattice is halved again and again, along each axis so often that its coarsest steps are about as long as what a
+    value can settle. A point of it is asked unless an earlier one has settled it: a value v says that the surface is no
+    nearer than |v| / LIPSCHITZ. The last halving, most of the points, also concludes from two sides. So for a field
+    that is no steeper, only tips and sheets thinner than a cell are overlooked, which asking everywhere finds by
+    chance. Wherever the surface is met, it is followed to its end, however steep the network, and no value at
+    the surface is ever a guess.
     """
-    inside = region.inside
-    bound = np.zeros(inside.shape, np.float32)  # at most the value's size, with its sign; 0: nothing is known
-    exact = np.full(inside.shape, np.nan, np.float32)
-    asked = 0
-    for stride, first in sublattices(first_stride(region.lattice.cell)):
-        spread(bound, stride, first, LIPSCHITZ * region.lattice.cell)
-        if stride == 2:
-            bridge(bound, first, BEND * region.lattice.cell)
-        these = tuple(slice(start, None, stride) for start in first)
-        places = np.argwhere(inside[these] & (bound[these] == 0)) * stride + np.array(first)
+    values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
+    known = np.ones(values.shape, bool)  # asked, or beyond the faces
+    bound, asked = values[INNER], known[INNER]
+    bound[:] = 0  # at most the value's size, with its sign; 0: nothing is known
+    asked[:] = False
+    for strides, first in sublattices(first_strides(lattice, reach)):
+        spread(bound, strides, first, LIPSCHITZ * lattice.steps)
+        bridge(bound, strides, first, BEND * lattice.steps)
+        these = tuple(map(slice, first, bound.shape, strides))
+        places = np.argwhere(bound[these] == 0) * strides + first
         where = tuple(places.T)
-        exact[where] = bound[where] = ask(region.lattice.points(places))
-        asked += len(places)
-    return Answers((bound < 0) & inside, exact, asked)
+        bound[where] = answered(ask, lattice, places)
+        asked[where] = True
+    follow(ask, lattice, values, known)
+    return Answers(values, int(np.count_nonzero(asked)))
 
 
 METHODS: dict[str, Method] = {"sparse": ask_sparsely, "dense": ask_densely}
 
 
-def first_stride(cell: float) -> int:
-    """Cells between the points asked first: networks say no more than OUTSIDE, however far the surface."""
-    stride = 1
-    while LIPSCHITZ * stride * 3**0.5 * cell < OUTSIDE:
-        stride *= 2
-    return stride
+def first_strides(lattice: Lattice, reach: float) -> Triple:
+    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is."""
+    strides = []
+    for step, cells in zip(lattice.steps.tolist(), lattice.cells.tolist()):
+        stride = 1
+        while stride < cells and LIPSCHITZ * stride * 3**0.5 * step < reach:
+            stride *= 2
+        strides.append(stride)
+    return tuple(strides)
 
 
-def sublattices(stride: int) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """Stride and first point of sublattices that have each point once: all multiples, then what is halfway between.
+def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
+    """Strides and first point of sublattices that have each point once: all multiples, then what is halfway between.
 
     Of the points halfway along one, two or three axes, the former come first: they settle some of the latter.
     """
-    yield stride, (0, 0, 0)
-    while stride > 1:
-        for halfway in sorted(product((0, stride // 2), repeat=3), key=sum)[1:]:
-            yield stride, halfway
-        stride //= 2
+    yield strides, (0, 0, 0)
+    while max(strides) > 1:
+        halfway = product(*((0, stride // 2) if stride > 1 else (0,) for stride in strides))
+        for first in sorted(halfway, key=np.count_nonzero)[1:]:
+            yield strides, first
+        strides = tuple(max(1, stride // 2) for stride in strides)
 
 
-def spread(bound: Float32[ndarray, "r s t"], stride: int, first: tuple[int, ...], slope: float) -> None:
-    """Carry bounds to a sublattice from the points around, which lie on earlier ones; `slope` is a cell's loss."""
-    half = stride // 2
-    for steps in product(*((-1, 0, 1) if start else (0,) for start in first)):
-        if not any(steps):
-            continue
-        beside = tuple(start + step * half for start, step in zip(first, steps))
-        counts = [-(-(n - max(pair)) // stride) for n, *pair in zip(bound.shape, first, beside)]
-        target, source = bound[_every(stride, first, counts)], bound[_every(stride, beside, counts)]
-        left = np.abs(source) - np.float32(slope * half * np.linalg.norm(steps))
+def spread(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, slopes: Float[ndarray, " 3"]) -> None:
+    """Carry bounds to a sublattice from the points around, which lie on earlier ones; `slopes` are losses a step."""
+    for signs in product(*((-1, 0, 1) if start else (0,) for start in first)):
+        if not any(signs) or (max(strides) == 2 and np.count_nonzero(signs) > 1):
+            continue  # on the last halving, which costs most, along the axes alone: a twentieth more points is asked
+        steps = [sign * stride // 2 for sign, stride in zip(signs, strides)]
+        beside = tuple(start + step for start, step in zip(first, steps))
+        target, source = _pairs(bound, strides, first, beside)
+        left = np.abs(source) - np.float32(np.linalg.norm(steps * slopes))
         better = left > np.abs(target)
-        target[better] = np.copysign(left, source)[better]
+        np.copysign(left, source, out=target, where=better)
 
 
-def bridge(bound: Float32[ndarray, "r s t"], first: tuple[int, ...], loss: float) -> None:
-    """Carry bounds to a sublattice of every second point from pairs of neighbours of one sign, less `loss`."""
-    for axis in (k for k, start in enumerate(first) if start):
+def bridge(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, losses: Float[ndarray, " 3"]) -> None:
+    """Carry bounds to a sublattice along the axes where it has every second point, from pairs of neighbours of one
+    sign, less the axis' loss."""
+    for axis in (k for k in range(3) if strides[k] == 2 and first[k] == 1):
         low = tuple(start - (k == axis) for k, start in enumerate(first))
         high = tuple(start + (k == axis) for k, start in enumerate(first))
-        counts = [-(-(n - start) // 2) for n, start in zip(bound.shape, high)]
-        target, below, above = (bound[_every(2, start, counts)] for start in (first, low, high))
-        left = np.abs(below + above) / 2 - np.float32(loss)
+        target, below, above = _pairs(bound, strides, first, low, high)
+        left = np.abs(below + above) / 2 - np.float32(losses[axis])
         better = (left > np.abs(target)) & (below * above > 0)
-        target[better] = np.copysign(left, below)[better]
+        np.copysign(left, below, out=target, where=better)
 
 
-def _every(stride: int, first: tuple[int, ...], counts: list[int]) -> tuple[slice, ...]:
-    return tuple(slice(start, start + stride * max(count, 0), stride) for start, count in zip(first, counts))
+def _pairs(bound: Float32[ndarray, "r s t"], strides: Triple, *firsts: Triple) -> list[Float32[ndarray, "a b c"]]:
+    """Views of every so many points from several first ones on, as many as all of them have."""
+    counts = [-(-(n - max(starts)) // stride) for n, stride, *starts in zip(bound.shape, strides, *firsts)]
+    return [
+        bound[tuple(slice(max(s, 0), s + t * max(n, 0), t) for s, t, n in zip(first, strides, counts))]
+        for first in firsts
+    ]
+
+
+def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]) -> None:
+    """Ask at both ends of all edges with two signs, and go on from those whose sign was another than was concluded.
+
+    The arrays have a layer of known points around the lattice, and are completed.
+    """
+    flat, asked, negative = values.reshape(-1), known.reshape(-1), values < 0
+    pending = np.flatnonzero(ends(negative) & ~known)
+    signs = negative.reshape(-1)
+    _, s, t = values.shape
+    around = np.array([s * t, -s * t, t, -t, 1, -1])
+    while len(pending):
+        places = np.stack(np.unravel_index(pending, values.shape), axis=1) - 1
+        flat[pending] = answered(ask, lattice, places)
+        asked[pending] = True
+        changed = pending[signs[pending] != (flat[pending] < 0)]
+        signs[changed] ^= True
+        beside = changed[:, None] + around
+        pending = np.unique(beside[(signs[beside] != signs[changed][:, None]) & ~asked[beside]])
+
+
+def ends(negative: Bool[ndarray, "r s t"]) -> Bool[ndarray, "r s t"]:
+    """The points that have a neighbour of the other sign along an axis."""
+    found = np.zeros(negative.shape, dtype=bool)
+    for axis in range(3):
+        low, high = (slice(None),) * axis + (slice(None, -1),), (slice(None),) * axis + (slice(1, None),)
+        differ = negative[low] != negative[high]
+        found[low] |= differ
+        found[high] |= differ
+    return found

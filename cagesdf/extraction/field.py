@@ -1,6 +1,6 @@
-"""A decoder with one latent and one cage, and what it is where cuboids overlap or end."""
+"""A decoder with a cage and the codes of its parts."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -11,108 +11,67 @@ from torch import Tensor
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.frames import HALF_EXTENT, OUTSIDE
-from cagesdf.models.decoders import Decoder
+from cagesdf.models.codes import part_codes
+from cagesdf.models.decoders import Decoder, TrainsOn
 
-GROUP = 480  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
+GROUP = 960  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
 ROWS = 96  # numbers of points are rounded up to this: libraries compute what is left over of their blocks otherwise
-
-# From each point's depth in each cuboid (canonical, ≤ 0; inf where that doesn't contain it) and what the network says
-# in each of these: the field.
-Overlap = Callable[[Float32[ndarray, "n p"], Float32[ndarray, "n p"]], Float32[ndarray, " n"]]
-# From the cage and points outside its cuboids: the field there, positive.
-Outside = Callable[[Cage, Float[ndarray, "n 3"]], Float[ndarray, " n"]]
-
-
-def overlap_deepest(depth: Float32[ndarray, "n p"], values: Float32[ndarray, "n p"]) -> Float32[ndarray, " n"]:
-    """The paper's: the cuboid that most contains a point decides (§3.4, §3.6). It jumps where another one does."""
-    return np.take_along_axis(values, depth.argmin(axis=1)[:, None], axis=1)[:, 0]
-
-
-def overlap_union(depth: Float32[ndarray, "n p"], values: Float32[ndarray, "n p"]) -> Float32[ndarray, " n"]:
-    """The least value of all containing cuboids: the union of what each of them holds."""
-    return np.where(depth <= 0, values, np.float32(np.inf)).min(axis=1)
-
-
-def overlap_blend(depth: Float32[ndarray, "n p"], values: Float32[ndarray, "n p"]) -> Float32[ndarray, " n"]:
-    """The mean of all containing cuboids, weighted by depth: continuous, as a cuboid's weight is 0 on its surface."""
-    inside = depth <= 0
-    weights = np.where(inside, np.float32(1e-9) - depth, np.float32(0))  # points on a surface count too
-    return (weights * np.where(inside, values, np.float32(0))).sum(axis=1) / weights.sum(axis=1)
-
-
-def outside_union(cage: Cage, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
-    """The distance to the cuboids.
-
-    A perfect network of two touching boxes then costs 0.02 % of the longest side at 128 cells; the
-    paper's constant costs 0.5 %, because the surface staircases wherever a part touches its cuboid.
-    """
-    return cage.assign(points)[1]
-
-
-def outside_constant(cage: Cage, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:
-    """The paper's: OUTSIDE (§3.6)."""
-    return np.full(len(points), OUTSIDE)
-
-
-OVERLAPS: dict[str, Overlap] = {"deepest": overlap_deepest, "union": overlap_union, "blend": overlap_blend}
-OUTSIDES: dict[str, Outside] = {"union": outside_union, "constant": outside_constant}
+# Of values beyond this, in the decoder's unit, only the sign counts: there networks haven't learnt distances.
+REACH: Mapping[TrainsOn, float] = {"part": 0.5, "cage": OUTSIDE, "cube": OUTSIDE}
+# Where decoders are asked that don't know cuboids.
+CUBE = Cage.of({"cube": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
 
 
 class CageField:
-    """A decoder with one latent and one cage."""
+    """A signed distance for each cuboid of a cage, of which the union of what they hold is the shape."""
 
-    def __init__(
-        self,
-        decoder: Decoder,
-        latent: Float[Tensor, " d"],
-        cage: Cage,
-        outside: Outside,
-        overlap: Overlap = overlap_blend,
-    ) -> None:
-        """`decoder` is in evaluation mode and on `latent`'s device; see OUTSIDES and OVERLAPS."""
+    def __init__(self, decoder: Decoder, codes: Float[Tensor, "p k"], cage: Cage) -> None:
+        """`decoder` is in evaluation mode and on `codes`' device; the codes are of the cage's parts, in their order."""
         self.decoder = decoder
-        self.latent = latent
+        self.codes = codes
         self.cage = cage
-        self.outside = outside
-        self.overlap = overlap
         self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and what it does to the layers
+
+    def keys(self) -> tuple[bytes, ...]:
+        """For each cuboid, all that its values follow from but the decoder."""
+        codes = self.codes.cpu().numpy()
+        return tuple(code.tobytes() + vector.tobytes() for code, vector in zip(codes, self.cage.vectors()))
+
+    @torch.inference_mode()
+    def reach(self, cuboid: int) -> float:
+        """The largest value in cuboid number `cuboid`, canonical units: beyond it only the sign counts."""
+        return REACH[self.decoder.trains_on] * float(self.decoder.unit(self._vector(cuboid)))
 
     @torch.inference_mode()
     def ask(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:
-        """The network's values, within ±OUTSIDE, at canonical points of cuboid number `cuboid`.
+        """The network's values, within ±`reach`, at canonical points of cuboid number `cuboid`.
 
         In float32: bfloat16's steps would show on the surface. A point's value doesn't depend on the
         points beside it, not even in its last bits. Raises InputError if a value is not finite.
         """
         padded = np.zeros((1, -(-len(points) // ROWS) * ROWS, 3), np.float32)
         padded[0, : len(points)] = points
-        given = torch.from_numpy(padded).to(self.latent.device)
+        given = torch.from_numpy(padded).to(self.codes.device)
         if cuboid not in self._given:
-            vector = torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1].astype(np.float32)).to(given.device)
-            self._given[cuboid] = vector, self.decoder.condition(self.latent[None], vector)
+            vector = self._vector(cuboid)
+            self._given[cuboid] = vector, self.decoder.condition(self.codes[cuboid : cuboid + 1], vector)
         vector, condition = self._given[cuboid]
         features = (self.decoder.features(group, vector) for group in given.split(GROUP, dim=1))
         parts = [self.decoder.at(group, condition, group.dtype)[0] for group in features]
         values = torch.cat(parts).cpu().numpy()[: len(points)]
         if not np.isfinite(values).all():
             raise InputError("the network gives values that are not finite, so its training diverged; train it again")
-        return values.clip(-OUTSIDE, OUTSIDE)
+        reach = np.float32(self.reach(cuboid))
+        return values.clip(-reach, reach)
+
+    def _vector(self, cuboid: int) -> Float[Tensor, "1 15"]:
+        return torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1]).to(self.codes)
 
 
-def cube_field(
-    decoder: Decoder,
-    latent: Float[Tensor, " d"],
-    cage: Cage,
-    outside: Outside,
-    overlap: Overlap = overlap_blend,
-) -> CageField:
-    """The field of a decoder that was trained in the whole cube (DeepSDF); the cage plays no part.
+def field_of(decoder: Decoder, latent: Float[Tensor, " d"], cage: Cage) -> CageField:
+    """What a decoder makes of a latent and a cage; the cage plays no part where it doesn't know cuboids (DeepSDF).
 
-    It is asked in one cuboid, the cube [-HALF_EXTENT, HALF_EXTENT]³, and is outside beyond.
+    Such a decoder is asked in one cuboid, the cube [-HALF_EXTENT, HALF_EXTENT]³.
     """
-    cube = Cage.of({"cube": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
-    return CageField(decoder, latent, cube, outside_constant, overlap)
-
-
-MakeField = Callable[[Decoder, Tensor, Cage, Outside, Overlap], CageField]
-FIELDS: dict[str, MakeField] = {"cage": CageField, "cube": cube_field}  # by where an arm's training points come from
+    asked = CUBE if decoder.trains_on == "cube" else cage
+    return CageField(decoder, part_codes(decoder, latent, asked), asked)
