@@ -73,7 +73,7 @@ def train(
             optimiser.zero_grad(set_to_none=True)
             batch = batches.at(step)
             mine = ranks.share(len(batch.weight))
-            own = batch.part(slice(mine.start, mine.stop)).to(device)
+            own = batch.run(slice(mine.start, mine.stop)).to(device)
             l1 = gradients.add(own, len(mine) / len(batch.weight))
             _add_ranks(decoder, latents, l1, ranks)
             penalty = settings.latent_weight * latent_penalty(latents.values)
