@@ -102,7 +102,7 @@ def facts(of: PointsOf, params: SampleParams) -> dict[str, object]:
         return {
             "of": "part",
             "deformation": "each part by its own cuboid alone",
-            "sampler": "normal offsets from the surface, uniform in the unit frame, in the cuboid and around it",
+            "sampler": "normal offsets from the surface, even in the unit frame; uniform in the cuboid and around it",
             **params.model_dump(include={"part_near", "part_uniform", "seed"}),
         }
     return {
