@@ -12,16 +12,17 @@ STEPS = """
 import json, resource, sys
 from dataclasses import fields
 from pathlib import Path
-import torch, yaml
+import torch
 from cagesdf.models.arms import make_decoder, sizes_of_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch, Batches, Cages
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.loop import TrainSettings, train
+from pipeline.planning import profile_content
 
 folder = Path(sys.argv[1])
-values = yaml.safe_load(Path("params.yaml").read_text())["train"]
-values |= yaml.safe_load(Path("profiles/paper.yaml").read_text())["train"] | {"decoder": "CageDecoder", "steps": 2}
+content = profile_content("paper")
+values = content["train"] | content["arms"]["cagesdf_global"] | {"steps": 2}
 groups, shapes = values["batch_chunks"], 7600
 generator = torch.Generator().manual_seed(0)
 cuboid = torch.cat([torch.zeros(3), torch.eye(3).flatten(), torch.ones(3)]).expand(shapes, 1, 15)
