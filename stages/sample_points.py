@@ -81,7 +81,7 @@ def shape_chunks(
 
 
 def in_unit_frames(shape: Shape, rest: Cage) -> list[Mesh]:
-    """The parts, each in the unit frame of its own cuboid and one closed solid.
+    """The parts, each in the unit frame of its own cuboid.
 
     Raises ShapeRejected if one isn't closed.
     """
