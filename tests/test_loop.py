@@ -250,7 +250,7 @@ def test_gradients_are_those_of_the_whole_loss_at_once(
 
     with slice_threads() as (pool, threads):
         value = Gradients(network, table, clamp, "float32", pool, threads).add(batch.to("cpu"), 0.7)
-    assert float(value) == pytest.approx(float(loss), rel=1e-5)
+    assert float(value) == pytest.approx(loss.item(), rel=1e-5)
     for parameter, gradient in zip(parameters, expected, strict=True):
         given = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
         torch.testing.assert_close(given, gradient, rtol=1e-3, atol=1e-5)

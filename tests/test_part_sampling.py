@@ -159,7 +159,7 @@ def test_where_cuboids_overlap_both_have_points_with_their_own_distances() -> No
     solids = solids_in_cuboids(shape, rest)
     distances = []
     for i, solid in enumerate(solids):
-        points, sdf, _ = flat(sampled(solid, rest, PartCounts(200.0, 60.0), cuboid=i))
+        points, sdf, _ = flat(sampled(solid, rest, PartCounts(2000.0, 600.0), cuboid=i))
         common = (rest.signed_distance(points) < 0).all(axis=1)
         assert common.sum() > 50
         surface = SurfaceDistance(union([shape.parts[i].mesh]))
