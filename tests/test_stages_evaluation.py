@@ -28,7 +28,7 @@ from pipeline.artefact import ArtefactError
 from stages import evaluate, evaluate_progress, extract_meshes
 
 EXTRACT = ExtractParams(
-    format=1, resolution=32, sources=2, held_out=1, outside="union", overlap="blend", loose="keep", seed=5
+    format=1, resolution=32, sources=2, held_out=1, loose="keep", seed=5
 )
 SHAPES = [toy.stool("a"), toy.stool("b", width=1.3, height=0.6), toy.stool("c", lean=0.3)]
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}

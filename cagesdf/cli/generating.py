@@ -160,11 +160,11 @@ def _maker(
     trained: "Run", resolution: int, stability: "Callable[[Cage], bool]", seed: int
 ) -> "Callable[[Order], GeneratedShape]":
     """What makes a shape of an order, with random numbers of its own."""
-    from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+    from cagesdf.extraction import LOOSE
     from cagesdf.generating import Extracting, make_shape
     from pipeline.executor import item_rng
 
-    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS, stability)
+    how = Extracting(resolution, LOOSE["keep"], POINTS, stability)
 
     def make(order: "Order") -> "GeneratedShape":
         return make_shape(trained, how, item_rng(seed, "points", order.method, order.shape_id), order)

@@ -12,7 +12,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
-from cagesdf.extraction import FIELDS, LOOSE, METHODS, SYMMETRIES, Each, Extraction, LiveSurface
+from cagesdf.extraction import LEAST, LOOSE, METHODS, SYMMETRIES, Each, Extraction, LiveSurface, field_of
 from cagesdf.frames import Similarity
 from cagesdf.io.exports import Model
 from cagesdf.io.runs import Run
@@ -63,35 +63,28 @@ class Session:
         loose: str = "keep",
         symmetry: str = "none",
         each: Each = map,
+        least: int = LEAST,
     ) -> "Live":
         """What gives the surfaces of one state after another; the choices are extraction's, by name.
 
         With `each` a pool's `map`, cuboids are asked side by side.
         """
         return Live(
-            LiveSurface(
-                self.run.decoder,
-                resolution,
-                FIELDS[self.run.params["points_of"]],
-                method=METHODS[method],
-                loose=LOOSE[loose],
-                symmetry=SYMMETRIES[symmetry],
-                each=each,
-            ),
-            self.run.latents.values.device,
+            LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, least), self.run
         )
 
 
 class Live:
     """Surfaces of states, of which only what has changed since the last ones is asked for."""
 
-    def __init__(self, live: LiveSurface, device: torch.device) -> None:
+    def __init__(self, live: LiveSurface, run: Run) -> None:
         self._live = live
-        self._device = device
+        self._run = run
 
     def surface(self, state: State) -> Extraction:
         """The surface of a state, canonical: closed, outward and within its cuboids, or without faces."""
-        return self._live.surface(torch.from_numpy(state.latent).to(self._device), state.cage)
+        latent = torch.from_numpy(state.latent).to(self._run.latents.values.device)
+        return self._live.surface(field_of(self._run.decoder, latent, state.cage))
 
 
 def model_of(mesh: Mesh, state: State) -> Model:
