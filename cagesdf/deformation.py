@@ -13,6 +13,7 @@ from cagesdf.frames import Similarity
 from cagesdf.matching import Match
 from cagesdf.meshes import Mesh
 from cagesdf.shape import Shape
+from cagesdf.solid import union
 from cagesdf.structure.assembly import Assembly
 
 SMALLEST = 1e-3  # the program's unit: a millimetre, for furniture; a thinner cuboid on the way is degenerate
@@ -148,6 +149,15 @@ def deform_shape(shape: Shape, rest: Cage, moved: Cage) -> list[Mesh]:
         part.mesh.with_vertices(deform_vertices(part.mesh.vertices, i, rest, moved))
         for i, part in enumerate(shape.parts)
     ]
+
+
+def solids_in_cuboids(shape: Shape, rest: Cage) -> list[Mesh]:
+    """The parts, each in the unit frame of its own cuboid, its overlapping pieces made one.
+
+    A part that follows its own cuboid alone has this surface at every step. Raises ValueError if one isn't closed.
+    """
+    solids = [union([part.mesh]) for part in shape.parts]
+    return [mesh.with_vertices(rest.to_unit(mesh.vertices, i)) for i, mesh in enumerate(solids)]
 
 
 def share_outside(meshes: list[Mesh], cage: Cage) -> Float[ndarray, " p"]:

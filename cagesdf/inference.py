@@ -63,7 +63,6 @@ class Prepared:
     fitted: FittedCage
     surface: Mesh  # the union of its parts, canonical
     groups: Batch  # its points, in groups of a part
-    part: Tensor  # by group, the number of its part
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +152,7 @@ def prepare(run: Run, shape: Shape, settings: FitSettings, rng: np.random.Genera
     Raises ShapeRejected as `fit_cage` does, and for parts that have no closed union; InputError for an arm that was
     trained without cuboids.
     """
-    if run.params["points_of"] != "cage":
+    if run.decoder.trains_on == "cube":
         raise InputError("this arm was trained without cuboids, so that it has no place for these; take cagesdf")
     fitted = fit_cage(shape, settings.slack, settings.min_size, settings.margin, settings.points, rng)
     try:
@@ -161,18 +160,12 @@ def prepare(run: Run, shape: Shape, settings: FitSettings, rng: np.random.Genera
     except ValueError as error:
         raise ShapeRejected(shape.shape_id, STAGE, str(error)) from error
     numbers = settings.near, settings.uniform, settings.per_cuboid, settings.beta
-    samples = sample_points(SurfaceDistance(surface), fitted.cage, *numbers, CHUNK, rng)
-    zeros = np.zeros_like(samples.part)
-    fields = samples.part, samples.points, samples.sdf, samples.near
+    chunks = SAMPLERS[run.decoder.trains_on](shape, surface, fitted.cage, settings, rng)
     sequences = {shape.shape_id: Sequence(shape.shape_id, None, np.zeros(1), (False,), (fitted.cage,))}
-    chunks = training_chunks(
-        PointChunks(zeros, zeros, *fields, (shape.shape_id,), fitted.cage.part_ids),
-        sequences, "rest", "cage", run.params["reach"], rng,
-    )  # fmt: skip
-    device = run.latents.values.device
+    chunks = training_chunks(chunks, sequences, "rest", run.decoder.trains_on, run.params["reach"], rng)
     table = LatentTable(((shape.shape_id, SHARED),), torch.zeros(1, run.params["latent_dim"]))
-    groups = training_set(chunks, sequences, table).to(device)
-    return Prepared(shape, fitted, surface, groups, torch.from_numpy(chunks.part).long().to(device))
+    groups = training_set(chunks, sequences, table).to(run.latents.values.device)
+    return Prepared(shape, fitted, surface, groups)
 
 
 def fit_code(run: Run, known: Known, prepared: Prepared, settings: InferenceSettings, seed: int) -> Fit:
@@ -180,8 +173,8 @@ def fit_code(run: Run, known: Known, prepared: Prepared, settings: InferenceSett
     codes = torch.from_numpy(np.stack([*known.codes.values()])).to(run.latents.values.device)
     candidates = torch.cat([codes, codes.mean(dim=0, keepdim=True)])
     names = (*known.codes, MEAN)
-    parts = len(prepared.fitted.cage)
-    inferred = infer(run.decoder, candidates, prepared.groups, prepared.part, parts, settings, seed)
+    settings = replace(settings, clamp=run.params["clamp"])
+    inferred = infer(run.decoder, candidates, prepared.groups, settings, seed)
     return Fit(prepared, inferred, names[inferred.start], judge(known, prepared.fitted.cage, inferred))
 
 
@@ -210,24 +203,11 @@ def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
     )
 
 
-class FittedField(CageField):
-    """The field of a fitted shape: each cuboid has the network with its part's residual."""
-
-    def __init__(self, decoder: Decoder, inferred: Inferred, cage: Cage, outside: Outside) -> None:
-        """As CageField; `inferred` is of the cage's parts, in their order."""
-        super().__init__(decoder, inferred.code, cage, outside)
-        self._fields = [
-            CageField(ShiftedDecoder(decoder, film), inferred.code, cage, outside) for film in inferred.film
-        ]
-
-    def ask(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:
-        """As CageField's, with the part's residual."""
-        return self._fields[cuboid].ask(points, cuboid)
-
-
 def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
     """The surface of a fitted shape, canonical; see `extract`. Raises InputError if the network gives none."""
-    field = FittedField(run.decoder, fit.inferred, fit.prepared.fitted.cage, OUTSIDES["union"])
+    cage = fit.prepared.fitted.cage
+    codes = part_codes(run.decoder, fit.inferred.code, cage) + fit.inferred.residual
+    field = CageField(run.decoder, codes, cage)
     found = extract(field, resolution)
     if len(found.mesh.faces) == 0:
         raise InputError(f"{fit.prepared.shape.shape_id}: the network gives no surface at all for it; {fit.verdict}")

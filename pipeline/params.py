@@ -111,6 +111,8 @@ class SampleParams(Params):
     uniform: Natural  # in the whole cube
     per_cuboid: Natural  # at least so many in each cuboid
     beta: Positive  # importance weight is exp(-beta |sdf|)
+    part_near: Positive  # around a part's surface, for each unit of its area where its cuboid has length 1 (a box: 6)
+    part_uniform: Positive  # in a part's cuboid, the same
     shards: Count  # files
     max_rejected: Share
     seed: Natural
@@ -119,21 +121,27 @@ class SampleParams(Params):
 class TrainParams(Params):
     """One arm: network, data and schedule."""
 
-    decoder: Literal["CageDecoder", "LocalCageDecoder", "DeepSdfDecoder"]
+    decoder: Literal["TriplaneDecoder", "CageDecoder", "DeepSdfDecoder"]
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
-    points_of: Literal["cage", "cube"]  # points within `reach` of their cuboid, or of the whole cube
-    reach: NonNegative  # canonical units
+    reach: NonNegative  # CageDecoder: of its cuboid, of the points that count; canonical units
     width: Count  # hidden units a layer
     layers: Count  # hidden layers
     latent_dim: Count
     mapping: tuple[Count, ...]  # hidden widths of the mapping network
     octaves: Natural  # sine features of each coordinate the backbone is given
-    clamp: NonNegative  # of distances in the loss, canonical units; 0: none
+    code_dim: Count  # TriplaneDecoder: numbers of a part's code
+    cells: Count  # of its planes, along each axis
+    channels: Count  # numbers in each of those cells
+    context: Count  # width of its transformer
+    context_layers: Count
+    heads: Count
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit (canonical units, or lengths of a part); 0: none
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps
     batch_chunks: Count  # groups a step
+    bundle: Count  # of them, those that share a deformed shape
     learning_rate: Positive
     latent_learning_rate: Positive
     schedule: Literal["cosine", "halve"]  # to zero, or halved every `halve_every` steps

@@ -155,7 +155,9 @@ def _arms(stage: dict[str, Any], run: dict[str, Any]) -> list[str]:
 
 def _methods(arm: Any) -> int:
     """How many ways an arm has to draw codes."""
-    return 2 if arm.points_of == "cage" else 1
+    from cagesdf.models.arms import decoder_class
+
+    return 1 if decoder_class(arm.decoder).trains_on == "cube" else 2
 
 
 def training_steps(params: Any) -> int:

@@ -1,4 +1,4 @@
-"""Sample signed distances of every training step of every sequence (§3.4).
+"""Sample signed distances of every training step of every sequence (§3.4), to whole shapes and to their parts.
 
 python -m stages.sample_points data/shapes/chair data/sequences/chair data/points/chair
 """
@@ -8,18 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from cagesdf.cuboid import Sequence
-from cagesdf.deformation import deform_shape
+from cagesdf.cuboid import Cage, Sequence
+from cagesdf.deformation import deform_shape, solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.io.points import CHUNK, PointChunks, join_chunks, write_shard
+from cagesdf.io.points import CHUNK, PointChunks, PointsOf, join_chunks, shard_path, write_shard
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.meshes import Mesh
+from cagesdf.part_sampling import PartCounts, sample_part
 from cagesdf.sampling import sample_points
+from cagesdf.shape import Shape
 from cagesdf.solid import union
 from pipeline import SampleParams, artefact, item_rng, parallel_groups, run_stage
+
+KINDS: tuple[PointsOf, ...] = ("shape", "part")
 
 
 def main(shapes: Path, sequences: Path, out: Path, params: SampleParams) -> None:
@@ -33,30 +38,57 @@ def main(shapes: Path, sequences: Path, out: Path, params: SampleParams) -> None
         rejected: dict[int, list[ShapeRejected]] = {}
         outcomes = parallel_groups(sample, shards, rejects=ShapeRejected, label="sample_points", lost=lost)
         for shard, pieces, rejected[shard] in outcomes:
-            if pieces:
-                rng = item_rng(params.seed, "sample_points", shard)
-                write_shard(folder / f"shard-{shard:04d}.parquet", pieces, rng, **facts(params))
+            for of, chunks in zip(KINDS, zip(*pieces, strict=True)):
+                rng = item_rng(params.seed, "sample_points", of, shard)
+                write_shard(shard_path(folder, of, shard), chunks, rng, **facts(of, params))
         unusable = [item for shard in sorted(rejected) for item in rejected[shard]]
         write_rejected(folder, unusable, len(todo), params.max_rejected)
 
 
-def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequence) -> PointChunks:
-    """Chunks of all training steps of one shape. Raises ShapeRejected if a step has no closed surface."""
+def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequence) -> tuple[PointChunks, PointChunks]:
+    """Chunks of all training steps of one shape, and of its parts.
+
+    Raises ShapeRejected if a step, or a part, has no closed surface.
+    """
     shape, rest = source.read(sequence.shape_id), sequence.cages[0]
-    pieces = []
+    parts = in_unit_frames(shape, rest)
+    pieces, of_parts = [], []
     for step in np.flatnonzero(~np.array(sequence.held_out)).tolist():
         cage = sequence.cages[step]
-        meshes = deform_shape(shape, rest, cage)
-        try:
-            surface = SurfaceDistance(union(meshes))
-        except ValueError as error:
-            raise ShapeRejected(shape.shape_id, "sample_points", f"step {step}: {error}") from error
         rng = item_rng(params.seed, "sample_points", shape.shape_id, step)
-        samples = sample_points(surface, cage, params.near, params.uniform, params.per_cuboid, params.beta, CHUNK, rng)
-        numbers = np.zeros_like(samples.part), np.full_like(samples.part, step)
-        fields = samples.part, samples.points, samples.sdf, samples.near
-        pieces.append(PointChunks(*numbers, *fields, (shape.shape_id,), cage.part_ids))
-    return join_chunks(pieces)
+        pieces.append(shape_chunks(shape, rest, cage, step, params, rng))
+        for part, unit in enumerate(parts):
+            samples = sample_part(unit, cage, part, PartCounts(params.part_near, params.part_uniform), CHUNK, rng)
+            fields = samples.points, samples.sdf, samples.near
+            zeros = np.zeros(len(samples.sdf), np.int64)
+            names = (shape.shape_id,), cage.part_ids
+            of_parts.append(PointChunks(zeros, zeros + step, zeros + part, *fields, *names))
+    return join_chunks(pieces), join_chunks(of_parts)
+
+
+def shape_chunks(
+    shape: Shape, rest: Cage, cage: Cage, step: int, params: SampleParams, rng: np.random.Generator
+) -> PointChunks:
+    """Chunks of one step of a shape. Raises ShapeRejected as `sample_sequence` does."""
+    try:
+        surface = SurfaceDistance(union(deform_shape(shape, rest, cage)))
+    except ValueError as error:
+        raise ShapeRejected(shape.shape_id, "sample_points", f"step {step}: {error}") from error
+    samples = sample_points(surface, cage, params.near, params.uniform, params.per_cuboid, params.beta, CHUNK, rng)
+    numbers = np.zeros_like(samples.part), np.full_like(samples.part, step)
+    fields = samples.part, samples.points, samples.sdf, samples.near
+    return PointChunks(*numbers, *fields, (shape.shape_id,), cage.part_ids)
+
+
+def in_unit_frames(shape: Shape, rest: Cage) -> list[Mesh]:
+    """The parts, each in the unit frame of its own cuboid and one closed solid.
+
+    Raises ShapeRejected if one isn't closed.
+    """
+    try:
+        return solids_in_cuboids(shape, rest)
+    except ValueError as error:
+        raise ShapeRejected(shape.shape_id, "sample_points", str(error)) from error
 
 
 def lost(sequence: Sequence, reason: str) -> ShapeRejected:
@@ -64,9 +96,18 @@ def lost(sequence: Sequence, reason: str) -> ShapeRejected:
     return ShapeRejected(sequence.shape_id, "sample_points", reason)
 
 
-def facts(params: SampleParams) -> dict[str, object]:
+def facts(of: PointsOf, params: SampleParams) -> dict[str, object]:
     """What the shards' metadata say beside the columns."""
+    if of == "part":
+        return {
+            "of": "part",
+            "deformation": "each part by its own cuboid alone",
+            "sampler": "normal offsets from the surface, uniform in the unit frame; uniform in the cuboid and around it",
+            **params.model_dump(include={"part_near", "part_uniform", "seed"}),
+        }
     return {
+        "of": "shape",
+        "deformation": "vertices by all cuboids that contain them",
         "sampler": "importance (Davies et al. 2021, octree rejection), uniform in the cube and in each cuboid",
         "domain": [-HALF_EXTENT, HALF_EXTENT],
         **params.model_dump(include={"near", "uniform", "per_cuboid", "beta", "seed"}),

@@ -20,6 +20,7 @@ from cagesdf.io.runs import Run, write_run, write_snapshot
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
+from cagesdf.models.decoders import TrainsOn
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.base import Structure
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
@@ -30,8 +31,6 @@ from cagesdf.training.precision import fitting_precision, processor
 from cagesdf.training.residuals import rest_residuals
 from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
 from pipeline.memory import memory
-
-SIZES = {"width", "layers", "latent_dim", "mapping", "octaves"}
 
 
 def main(points: Path, shapes: Path, cuboids: Path, sequences: Path, out: Path, params: TrainParams) -> None:
@@ -61,20 +60,20 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
     source, cages = read_shapes(inputs["shapes"]), read_sequences(inputs["sequences"])
     rng = item_rng(params.seed, "train")
     room = ranks.told(memory() // ranks.size)  # all must read in the same way
-    data = open_points(inputs["points"], cages, params.steps_of, params.points_of, params.reach, rng, room)
+    decoder = make_decoder(params.decoder, **params.model_dump(exclude={"decoder"})).to(device())
+    data = open_points(inputs["points"], cages, params.steps_of, decoder.trains_on, params.reach, rng, room)
     checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, data, ranks))
 
     keys = data.latent_keys(params.latents)
     latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
-    decoder = make_decoder(params.decoder, **params.model_dump(include=SIZES), seed=params.seed).to(device())
     settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
-    batches = data.batches(latents, params.batch_chunks, params.seed)
+    batches = data.batches(latents, params.batch_chunks, params.bundle, params.seed)
     if folder is None:
         train(decoder, latents, batches, settings, checkpoint, lambda step, loss: None, ranks)
         return checkpoint
 
     count = {"sampled": data.sampled, "used": data.used}
-    print(f"{name}: {data.used:,} of {data.sampled:,} points, {described(params)}; {held(data)}")
+    print(f"{name}: {data.used:,} of {data.sampled:,} points, {described(params, decoder.trains_on)}; {held(data)}")
     print(f"{name}: products in {params.precision} on {processor() if device() == 'cpu' else device()}")
     batch = params.batch_chunks * CHUNK
     with counter(settings.steps * batch, "points", f"train {name}") as bar:
@@ -99,7 +98,7 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
         count,
     )
     write_run(folder, run, log)
-    errors = rest_residuals(inputs["points"], decoder, latents, cages, params.points_of, params.reach)
+    errors = rest_residuals(inputs["points"], decoder, latents, cages, params.reach)
     write_residuals(folder, errors)
     for steps, tensors in checkpoint.kept().items():
         write_snapshot(folder, steps, tensors)
@@ -117,11 +116,15 @@ def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, 
     }
 
 
-def described(params: TrainParams) -> str:
+def described(params: TrainParams, trains_on: TrainsOn) -> str:
     """Which points those are, in words."""
     steps = "source shapes" if params.steps_of == "rest" else "all training steps"
-    where = f"inside their cuboid or within {params.reach}" if params.points_of == "cage" else "in the whole cube"
-    return f"those {where}, of {steps}"
+    where = {
+        "part": "around each part",
+        "cage": f"inside their cuboid or within {params.reach}",
+        "cube": "in the whole cube",
+    }
+    return f"those {where[trains_on]}, of {steps}"
 
 
 def held(data: TrainingPoints) -> str:

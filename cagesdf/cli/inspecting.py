@@ -86,7 +86,7 @@ def _draw(path: Path, picture: Path) -> None:
     if picture.suffix.lower() != ".png":
         raise InputError(f"{picture}: wanted a name that ends in .png")
     check_folder(picture)
-    found = middle_slice(shard_paths(path)[0] if path.is_dir() else path)
+    found = middle_slice(shard_paths(path, "shape")[0] if path.is_dir() else path)
     with replacing(picture) as partial:
         draw_slice(found, partial)
 

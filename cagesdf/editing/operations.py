@@ -16,6 +16,7 @@ from cagesdf.editing.parts import part_names, select, with_parameter
 from cagesdf.editing.script import (
     Blend,
     Build,
+    Harmonise,
     Move,
     Operation,
     Redo,
@@ -74,7 +75,7 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
 
 
 def _after(
-    state: State, operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build, styles: Styles
+    state: State, operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Harmonise, styles: Styles
 ) -> State:
     match operation:
         case Move() | Resize() | Rotate():
@@ -94,6 +95,8 @@ def _after(
             return replace(state, latent=np.array(code, np.float32))
         case Build(structure=text, frame=numbers):
             return _sound(built(state, text, numbers))
+        case Harmonise():
+            return replace(state, seen=state.cage)
 
 
 def scaled(state: State, factors: tuple[float, float, float]) -> State:

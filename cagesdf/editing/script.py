@@ -145,6 +145,12 @@ class Build(_Operation):
     structure: StructureText  # JSON: a program and its place, or a hierarchy with cuboids
 
 
+class Harmonise(_Operation):
+    """Let the network see the cage as it is: all parts get the codes that it has for them in these cuboids."""
+
+    op: Literal["harmonise"] = "harmonise"
+
+
 class Undo(_Operation):
     """Take the last operation back that is not taken back yet."""
 
@@ -157,11 +163,11 @@ class Redo(_Operation):
     op: Literal["redo"] = "redo"
 
 
-Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Undo | Redo
+Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Harmonise | Undo | Redo
 Script = tuple[Operation, ...]
 KINDS: dict[str, type[BaseModel]] = {
     kind.model_fields["op"].default: kind
-    for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Style, Build, Undo, Redo)
+    for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Style, Build, Harmonise, Undo, Redo)
 }
 
 _SCRIPT: TypeAdapter[Script] = TypeAdapter(

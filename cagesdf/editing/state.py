@@ -17,6 +17,7 @@ class State:
     """All that a surface follows from but the network."""
 
     cage: Cage  # canonical
+    seen: Cage  # that part codes are made from, canonical: cuboids move, and what isn't touched stays as it is
     structure: Structure  # canonical; the cage follows from its program, if it has one, where nothing was moved by hand
     latent: Float32[ndarray, " d"]
     similarity: Similarity  # raw → canonical: raw is the frame that operations speak of
@@ -25,10 +26,10 @@ class State:
     @staticmethod
     def opened(cage: Cage, structure: Structure, latent: Float32[ndarray, " d"], similarity: Similarity) -> "State":
         """A shape that nothing was done to."""
-        return State(cage, structure, latent, similarity, np.ones(3))
+        return State(cage, cage, structure, latent, similarity, np.ones(3))
 
     def with_cage(self, cage: Cage) -> "State":
-        """The same style in other cuboids."""
+        """The same parts in other cuboids."""
         return replace(self, cage=cage)
 
     def direction(self, axis: str) -> Float[ndarray, " 3"]:

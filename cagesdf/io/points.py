@@ -1,5 +1,8 @@
 """`points/`: signed distance samples in shards that serve training.
 
+    shape-0000.parquet …   of whole shapes: distances to the union of their parts (§3.4)
+    part-0000.parquet …    of parts: distances to the part's own surface, the part moved by its own cuboid alone
+
 A chunk is CHUNK rows that share shape, step and part, so that a network's FiLM parameters are
 computed once for all of them. The order of chunks is shuffled over the shard; a row group is
 CHUNKS_PER_GROUP chunks, so any row group is a random batch of groups, and so are some in a row.
@@ -8,6 +11,7 @@ CHUNKS_PER_GROUP chunks, so any row group is a random batch of groups, and so ar
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -19,21 +23,22 @@ from cagesdf.errors import InputError
 from cagesdf.io.metadata import COMPRESSION, Column, Layout
 
 KIND = "points"
+PointsOf = Literal["shape", "part"]  # whose surface distances are to
 CHUNK = 64
 CHUNKS_PER_GROUP = 256
 _IDS = pa.dictionary(pa.int32(), pa.string())
 POINTS = Layout(
     "points",
-    1,
+    2,
     (
         Column("shape_id", _IDS, "the source shape"),
         Column("step", pa.int32(), "step of its sequence, 0 is the rest shape"),
-        Column("part_id", _IDS, "the part whose cuboid most contains the point"),
+        Column("part_id", _IDS, "the part; of a shape's points that whose cuboid most contains the point"),
         Column("x", pa.float32(), "canonical units"),
         Column("y", pa.float32(), "canonical units"),
         Column("z", pa.float32(), "canonical units"),
-        Column("sdf", pa.float32(), "signed distance to the deformed shape, canonical units"),
-        Column("where", _IDS, "near: importance sampled; uniform: in the cube or in the cuboid"),
+        Column("sdf", pa.float32(), "signed distance to the surface of the deformed shape, or of its part (`of`); canonical units"),
+        Column("where", _IDS, "near: importance sampled, or around the part; uniform: in the cube or in the cuboid"),
     ),
     {
         "frame": "canonical",
@@ -98,10 +103,15 @@ def join_chunks(pieces: Iterable[PointChunks]) -> PointChunks:
     )
 
 
+def shard_path(folder: Path, of: PointsOf, number: int) -> Path:
+    """Where a shard belongs."""
+    return folder / f"{of}-{number:04d}.parquet"
+
+
 def write_shard(path: Path, pieces: Sequence[PointChunks], rng: np.random.Generator, **facts: object) -> int:
     """Write one shard, the chunks of all pieces in an order drawn from `rng`; returns the number of rows.
 
-    `facts` (sampler, seeds, counts) join the schema's block. What is held beside `pieces` is a row group.
+    `facts` (whose surface, sampler, seeds, counts) join the schema's block. What is held beside `pieces` is a row group.
     """
     schema = POINTS.schema(**facts)
     ends = np.cumsum([len(piece) for piece in pieces])
@@ -146,17 +156,17 @@ def _table(chunks: PointChunks, schema: pa.Schema) -> pa.Table:
     )
 
 
-def shard_paths(folder: Path) -> list[Path]:
+def shard_paths(folder: Path, of: PointsOf) -> list[Path]:
     """The shards of an artefact, sorted. Raises InputError if there is none."""
-    paths = sorted(folder.glob("shard-*.parquet"))
+    paths = sorted(folder.glob(f"{of}-*.parquet"))
     if not paths:
-        raise InputError(f"{folder}: holds no shard-*.parquet; wanted the output of sample_points")
+        raise InputError(f"{folder}: holds no {of}-*.parquet; wanted the output of sample_points")
     return paths
 
 
-def count_points(folder: Path) -> int:
-    """Points in all shards, without reading them."""
-    return sum(POINTS.open(path).metadata.num_rows for path in shard_paths(folder))
+def count_points(folder: Path, of: PointsOf) -> int:
+    """Points in all shards of a kind, without reading them."""
+    return sum(POINTS.open(path).metadata.num_rows for path in shard_paths(folder, of))
 
 
 def count_groups(path: Path) -> int:
@@ -177,9 +187,9 @@ def read_shard(path: Path) -> Iterator[PointChunks]:
         yield _chunks(file.read_row_group(i), path)
 
 
-def read_points(folder: Path) -> PointChunks:
-    """All chunks of all shards, in memory."""
-    return join_chunks(piece for path in shard_paths(folder) for piece in read_shard(path))
+def read_points(folder: Path, of: PointsOf) -> PointChunks:
+    """All chunks of all shards of a kind, in memory."""
+    return join_chunks(piece for path in shard_paths(folder, of) for piece in read_shard(path))
 
 
 def _chunks(table: pa.Table, path: Path) -> PointChunks:

@@ -40,7 +40,7 @@ from cagesdf.io.weights import (
     whole,
     wholes,
 )
-from cagesdf.models.arms import make_decoder
+from cagesdf.models.arms import make_decoder, sizes_of_decoder
 from cagesdf.models.decoders import CUBOID, Decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.structure.base import Structure
@@ -49,7 +49,14 @@ from cagesdf.structure.stored import read_structure
 KIND = "run"
 VERSION = 1
 SNAPSHOTS = "snapshots"
-MAX_OCTAVES = 64
+BOUNDS = {  # of sizes that are no widths
+    "layers": (1, MAX_LAYERS),
+    "context_layers": (1, MAX_LAYERS),
+    "octaves": (0, 64),
+    "cells": (2, 256),
+    "channels": (1, 64),
+    "heads": (1, 64),
+}
 MAX_NUMBER = 2**62  # of points
 LATENTS = Layout(
     "latents",
@@ -86,7 +93,7 @@ class Run:
     structures: Mapping[str, Structure]  # by shape id
     similarities: Mapping[str, Similarity]  # by shape id, raw → canonical
     params: Mapping[str, Any]  # the arm's section of params.yaml
-    points: Mapping[str, int]  # how many points were "sampled", and "used" (by points_of, reach, steps_of)
+    points: Mapping[str, int]  # how many points were "sampled", and "used" (by decoder, reach, steps_of)
 
     def latent(self, shape_id: str, step: int) -> Float[Tensor, " d"]:
         """The latent of one step of one shape. Raises InputError if it has none."""
@@ -193,18 +200,23 @@ def _read_arm(path: Path) -> dict[str, Any]:
     reach = arm["params"].get("reach", 0.0)
     if not isinstance(reach, float) or not 0 <= reach < math.inf:
         raise InputError(f"{path}: wanted a reach of at least 0, got {str(reach)[:60]}")
-    if arm["params"].get("points_of") not in ("cage", "cube"):
-        raise InputError(f"{path}: wanted points_of cage or cube, got {str(arm['params'].get('points_of'))[:60]}")
     return arm
 
 
 def _planned_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
     """The decoder that arm.json describes, without memory for its weights."""
     name = str(params.get("decoder"))[:60]
-    width, latent_dim = (whole(params, size, 1, MAX_WIDTH, path) for size in ("width", "latent_dim"))
-    layers, octaves = whole(params, "layers", 1, MAX_LAYERS, path), whole(params, "octaves", 0, MAX_OCTAVES, path)
-    mapping = wholes(params, "mapping", 1, MAX_WIDTH, path)
-    return planned(lambda: make_decoder(name, width, layers, latent_dim, mapping, octaves, seed=0))
+    whole(params, "latent_dim", 1, MAX_WIDTH, path)
+    sizes = {size: _size(params, size, path) for size in sizes_of_decoder(name)}
+    return planned(lambda: make_decoder(name, seed=0, **sizes))
+
+
+def _size(params: Mapping[str, Any], name: str, path: Path) -> int | tuple[int, ...]:
+    """One of a decoder's sizes. Raises InputError if it is none, or out of its bounds."""
+    if name == "mapping":
+        return wholes(params, name, 1, MAX_WIDTH, path)
+    least, most = BOUNDS.get(name, (1, MAX_WIDTH))
+    return whole(params, name, least, most, path)
 
 
 def _read_latents(path: Path, dim: int, sequences: Mapping[str, Sequence]) -> LatentTable:

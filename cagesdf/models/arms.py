@@ -1,24 +1,37 @@
 """The networks an arm may name."""
 
-from collections.abc import Sequence
+from inspect import signature
+from typing import Any
 
 import torch
 
 from cagesdf.errors import InputError
-from cagesdf.models.decoders import CageDecoder, Decoder, DeepSdfDecoder, LocalCageDecoder
+from cagesdf.models.decoders import CageDecoder, Decoder, DeepSdfDecoder
+from cagesdf.models.triplane import TriplaneDecoder
 
 DECODERS: dict[str, type[Decoder]] = {
-    decoder.__name__: decoder for decoder in (CageDecoder, LocalCageDecoder, DeepSdfDecoder)
+    decoder.__name__: decoder for decoder in (TriplaneDecoder, CageDecoder, DeepSdfDecoder)
 }
 
 
-def make_decoder(
-    name: str, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int, seed: int
-) -> Decoder:
-    """A decoder with weights drawn from `seed`. Raises InputError for a name that no decoder has."""
+def decoder_class(name: str) -> type[Decoder]:
+    """The decoder of a name. Raises InputError for a name that none has."""
     if name not in DECODERS:
         raise InputError(f"no decoder {name!r}; there are {', '.join(DECODERS)}")
+    return DECODERS[name]
+
+
+def sizes_of_decoder(name: str) -> tuple[str, ...]:
+    """The sizes that a decoder is made with. Raises InputError as `decoder_class` does."""
+    return tuple(signature(decoder_class(name)).parameters)
+
+
+def make_decoder(name: str, seed: int, **sizes: Any) -> Decoder:
+    """A decoder with weights drawn from `seed`; sizes that it doesn't have play no part.
+
+    Raises InputError as `decoder_class` does.
+    """
     # Layers draw from torch's global generator; it is left as it was.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return DECODERS[name](width, layers, latent_dim, mapping, octaves)
+        return decoder_class(name)(**{size: sizes[size] for size in sizes_of_decoder(name)})

@@ -1,11 +1,11 @@
-"""From a point, a latent and a cuboid to a signed distance: the paper's network, ours, the baseline.
+"""From a point, a code and a cuboid to a signed distance: the paper's network and the baseline.
 
-All have one signature, for groups of points that share one latent and one cuboid. Points and
+All have one signature, for groups of points that share one code and one cuboid. Points and
 cuboids are canonical, distances too, negative inside. `cuboid` is the 15-vector of
-`Cage.vectors`: centre, axes by rows, full lengths.
+`Cage.vectors`: centre, axes by rows, full lengths. What a part's code is, is the decoder's: the
+latent of its shape itself, or what a network makes of that and the whole cage.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Literal
@@ -15,15 +15,32 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from cagesdf.models.film import FilmBackbone, modulated
+from cagesdf.models.sines import sine_features
 
 CUBOID = 15  # numbers that describe a cuboid (§3.1)
+
+# part: around each part, distances to the part's own surface; cage: of the whole shape, near the points' cuboid;
+# cube: of the whole shape, anywhere in the cube. The first two know cuboids.
+TrainsOn = Literal["part", "cage", "cube"]
 
 
 TrainsOn = Literal["part", "cage", "cube"]
 
 
 class Decoder(nn.Module, ABC):
-    """A network in three steps: what it is given of points, what groups need once, and the layers."""
+    """A network in four steps: the codes of a cage's parts, what groups need once, what is given of points, layers."""
+
+    trains_on: ClassVar[TrainsOn]
+
+    def codes(
+        self, latent: Float[Tensor, "s d"], cuboids: Float[Tensor, "s p 15"], present: Bool[Tensor, "s p"]
+    ) -> Float[Tensor, "s p k"]:
+        """The code of each part of whole cages: here the latent of its shape. Absent parts' codes mean nothing."""
+        return latent[:, None].expand(-1, cuboids.shape[1], -1)
+
+    def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
+        """The length that distances are clamped in, canonical units: here 1."""
+        return torch.ones_like(cuboid[:, 0])
 
     trains_on: ClassVar[TrainsOn] = "cage"
 
@@ -40,8 +57,8 @@ class Decoder(nn.Module, ABC):
         """What the layers are given of each point."""
 
     @abstractmethod
-    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
-        """What a group's latent and cuboid do to the layers."""
+    def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """What a group's code and cuboid do to the layers."""
 
     @abstractmethod
     def at(
@@ -50,11 +67,11 @@ class Decoder(nn.Module, ABC):
         """Signed distance of each point; matrices are multiplied in the number format `products`."""
 
     def forward(
-        self, points: Float[Tensor, "g n 3"], latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]
+        self, points: Float[Tensor, "g n 3"], code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
         features = self.features(points, cuboid)
-        return self.at(features, self.condition(latent, cuboid), features.dtype)
+        return self.at(features, self.condition(code, cuboid), features.dtype)
 
 
 class CageDecoder(Decoder):
@@ -64,42 +81,20 @@ class CageDecoder(Decoder):
     thousandth of its training they teach the network where in the shape's frame a cuboid lies.
     """
 
+    trains_on = "cage"
+
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
         super().__init__()
         self.octaves = octaves
         self.backbone = FilmBackbone(3 + 6 * octaves, latent_dim + CUBOID * (1 + 2 * octaves), width, layers, mapping)
 
-    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+    def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
         """Scales and shifts of the layers."""
-        return self.backbone.mapping(torch.cat([latent, cuboid, sine_features(cuboid, self.octaves)], dim=-1))
+        return self.backbone.mapping(torch.cat([code, cuboid, sine_features(cuboid, self.octaves)], dim=-1))
 
     def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
         """The point and its sines."""
         return torch.cat([points, sine_features(points, self.octaves)], dim=-1)
-
-    def at(
-        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
-    ) -> Float[Tensor, "g n"]:
-        """Signed distance of each point."""
-        return self.backbone(features, condition, products)
-
-
-class LocalCageDecoder(Decoder):
-    """The same, given the point in its cuboid's unit frame too; sine features are of those coordinates."""
-
-    def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
-        super().__init__()
-        self.octaves = octaves
-        self.backbone = FilmBackbone(6 + 6 * octaves, latent_dim + CUBOID, width, layers, mapping)
-
-    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
-        """Scales and shifts of the layers."""
-        return self.backbone.mapping(torch.cat([latent, cuboid], dim=-1))
-
-    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
-        """The point, and in the cuboid's unit frame once more, with sines."""
-        unit = to_unit(points, cuboid)
-        return torch.cat([points, unit, sine_features(unit, self.octaves)], dim=-1)
 
     def at(
         self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
@@ -126,11 +121,11 @@ class DeepSdfDecoder(Decoder):
         self.hidden = nn.ModuleList([nn.Linear(size, width) for size in into])
         self.out = nn.Linear(width, 1)
 
-    def condition(self, latent: Float[Tensor, "g d"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+    def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
         """Shifts of the layers; the cuboid plays no part."""
-        shifts = [layer.get_parameter("bias").expand(len(latent), -1) for layer in self.hidden]
+        shifts = [layer.get_parameter("bias").expand(len(code), -1) for layer in self.hidden]
         for i in {0, self.again}:
-            shifts[i] = shifts[i] + latent @ self.hidden[i].get_parameter("weight")[:, -latent.shape[1] :].T
+            shifts[i] = shifts[i] + code @ self.hidden[i].get_parameter("weight")[:, -code.shape[1] :].T
         return torch.stack(shifts, dim=1)
 
     def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
@@ -153,9 +148,3 @@ def to_unit(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Fl
     """Canonical points in the unit frame of their group's cuboid: [-½, ½]³ is inside."""
     local = (points - cuboid[:, None, :3]) @ cuboid[:, 3:12].view(-1, 3, 3).mT
     return local / cuboid[:, None, 12:]
-
-
-def sine_features(numbers: Float[Tensor, "*g d"], octaves: int) -> Float[Tensor, "*g f"]:
-    """Sine and cosine of π·2^k times each number, k from 0 to `octaves` − 1: 2 · d · `octaves` features."""
-    angles = numbers[..., None, :] * (math.pi * 2.0 ** torch.arange(octaves, device=numbers.device)[:, None])
-    return torch.cat([angles.sin(), angles.cos()], dim=-1).flatten(-2)

@@ -22,7 +22,7 @@ LARGE = 1024
 class Gradients:
     """Gradients of the data term with respect to a decoder and latents.
 
-    What groups need once is computed once for all. Their points are cut into slices; each slice is one thread's,
+    The codes of whole cages are computed once for all. The groups are cut into slices; each slice is one thread's,
     and their gradients are summed in order. So the memory for activations doesn't grow with the batch, and the
     bits don't depend on the number of threads.
     """
@@ -42,38 +42,44 @@ class Gradients:
         self.parameters = list(decoder.parameters())
 
     def add(self, batch: Batch, weight: float) -> Tensor:
-        """Add the gradient of `weight` × `shape_l1` to those of parameters and latents; returns that value."""
+        """Add the gradient of `weight` × `shape_l1` to those of parameters and latents; returns that value.
+
+        The batch has the cages of its own groups alone.
+        """
         total = torch.zeros((), device=batch.sdf.device)
-        device = batch.sdf.device.type
-        with torch.autocast(device, torch.bfloat16, enabled=self.products == torch.bfloat16):
-            condition = self.decoder.condition(self.latents(batch.latent), batch.cuboid)
-        to_condition = []
-        parts = slices(len(batch.weight), SLICE.get(device, LARGE))
-        for first in range(0, len(parts), self.threads):  # no more gradients are held than there are threads
-            of = partial(self._of, batch, condition.detach(), weight)
-            others = [self.pool.submit(of, part) for part in parts[first + 1 : first + self.threads]]
-            for l1, gradients, own in [of(parts[first]), *(other.result() for other in others)]:
+        cages = batch.cages
+        codes = self.decoder.codes(self.latents(cages.latent), cages.cuboids, cages.present)
+        code = codes[batch.shape, batch.part]
+        to_code = []
+        runs = slices(len(batch.weight), SLICE.get(batch.sdf.device.type, LARGE))
+        for first in range(0, len(runs), self.threads):  # no more gradients are held than there are threads
+            of = partial(self._of, batch, code.detach(), weight)
+            others = [self.pool.submit(of, run) for run in runs[first + 1 : first + self.threads]]
+            for l1, gradients, own in [of(runs[first]), *(other.result() for other in others)]:
                 total += l1
-                to_condition.append(own)
+                to_code.append(own)
                 for parameter, gradient in zip(self.parameters, gradients, strict=True):
                     _add(parameter, gradient)
-        condition.backward(torch.cat(to_condition) if to_condition else torch.zeros_like(condition))
+        code.backward(torch.cat(to_code) if to_code else torch.zeros_like(code))
         return total
 
     def _of(
-        self, batch: Batch, condition: Tensor, weight: float, part: slice
+        self, batch: Batch, code: Tensor, weight: float, run: slice
     ) -> tuple[Tensor, tuple[Tensor | None, ...], Tensor]:
-        groups = batch.part(part)
-        own = condition[part].requires_grad_()
-        predicted = self.decoder.at(self.decoder.features(groups.points, groups.cuboid), own, self.products)
-        l1 = shape_l1(predicted, groups.sdf, groups.weight, self.clamp)
+        groups = batch.run(run)
+        own, cuboid = code[run].requires_grad_(), groups.cuboid
+        with torch.autocast(cuboid.device.type, torch.bfloat16, enabled=self.products == torch.bfloat16):
+            condition = self.decoder.condition(own, cuboid)
+        predicted = self.decoder.at(self.decoder.features(groups.points, cuboid), condition, self.products)
+        clamp = self.clamp * self.decoder.unit(cuboid)[:, None] if self.clamp else None
+        l1 = shape_l1(predicted, groups.sdf, groups.weight, clamp)
         l1 = l1 * (weight * len(groups.weight) / len(batch.weight))
-        *gradients, to_condition = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)
-        return l1.detach(), tuple(gradients), to_condition
+        *gradients, to_code = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)
+        return l1.detach(), tuple(gradients), to_code
 
 
 def _add(parameter: Tensor, gradient: Tensor | None) -> None:
-    """Gradients of a mapping network come later, from all slices together."""
+    """Gradients of what makes codes come later, from all slices together."""
     if gradient is None:
         return
     if parameter.grad is None:

@@ -1,7 +1,7 @@
 """The code of a shape that was not trained on: auto-decoder inference (Park et al. 2019, §4.2), part by part.
 
-The decoder is frozen. First one code for the whole shape is optimised, from several starts at once. Then each part gets
-a residual: a shift of its FiLM, for what no code says of it.
+The decoder is frozen. First one code for the whole shape is optimised, from several starts at once. Then each part's
+code gets a residual, for what no code of the shape says of it.
 """
 
 import math
@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
-from cagesdf.models.shifted import ShiftedDecoder, film_size
+from cagesdf.models.decoders import Decoder
 from cagesdf.training.batches import Batch
 
 BLOCK = 64  # groups that go through the network together where nothing is learnt
@@ -25,12 +25,13 @@ class InferenceSettings:
     tried: int  # groups that all candidates are compared on
     starts: int  # candidates that are optimised
     code_steps: int  # optimiser steps of the code
-    film_steps: int  # of the residual
+    residual_steps: int  # of the residual
     batch: int  # groups a step
     code_rate: float  # learning rate as the steps begin; it falls to 0 along half a cosine
-    film_rate: float  # the same of the residual
+    residual_rate: float  # the same of the residual
     code_weight: float  # of the code's squared norm
-    film_weight: float  # of the squared norm of a part's residual, in the mean over parts
+    residual_weight: float  # of the squared norm of a part's residual, in the mean over parts
+    clamp: float  # of distances, in the decoder's unit; 0: none
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class Inferred:
     """A code and a residual, and how well the decoder fits the shape: mean |sdf error|, canonical units."""
 
     code: Float[Tensor, " d"]
-    film: Float[Tensor, "p l 2 h"]  # by part, what is added to FiLM's scales and shifts
+    residual: Float[Tensor, "p k"]  # by part, what is added to its code
     start: int  # the candidate that the code was optimised from
     code_error: float  # with the code alone
     error: float  # with the residual
@@ -49,79 +50,89 @@ Loss = Callable[[Tensor, Tensor], Tensor]  # from the variables and the numbers 
 
 
 def infer(
-    decoder: nn.Module,
+    decoder: Decoder,
     candidates: Float[Tensor, "r d"],
     groups: Batch,
-    part: Int[Tensor, " g"],
-    parts: int,
     settings: InferenceSettings,
     seed: int,
 ) -> Inferred:
     """The code and the residual with which a decoder fits a shape's points.
 
-    The best of `candidates`, such as training codes and their mean, are the starts. `part` numbers the part of each
-    group, below `parts`; the groups' latent rows and weights play no part. `decoder` is by latent and cuboid, its
-    parameters without gradients. What is found is no worse than the best start, and than the code alone; the
+    The best of `candidates`, such as training codes and their mean, are the starts. `groups` are of one cage; their
+    latent rows and weights play no part. `decoder` knows cuboids, its
+    parameters are without gradients. What is found is no worse than the best start, and than the code alone; the
     candidates' order plays no part but for ties.
     """
     generator = torch.Generator().manual_seed(seed)
     count = len(groups.sdf)
-    tried = groups.take(torch.randperm(count, generator=generator)[: settings.tried].to(groups.sdf.device))
-    first = torch.tensor([mean_error(with_code(decoder, tried, code), tried) for code in candidates])
+    shape = OneShape(decoder, groups, settings.clamp)
+    tried = OneShape(
+        decoder,
+        groups.take(torch.randperm(count, generator=generator)[: settings.tried].to(groups.sdf.device)),
+        settings.clamp,
+    )
+    first = torch.tensor([tried.mean_error(code) for code in tried.codes(candidates)])
     starts = first.argsort(stable=True)[: settings.starts]
     begun = candidates[starts.to(candidates.device)]
-    loss = _code_loss(decoder, groups, settings.code_weight)
-    ended = _descend(begun, loss, count, settings.code_steps, settings.batch, settings.code_rate, generator)
+
+    def code_loss(codes: Tensor, rows: Tensor) -> Tensor:
+        """Of several codes at once; their sum, so that none of them feels the others."""
+        errors = [shape.error(of_parts, rows) for of_parts in shape.codes(codes)]
+        return torch.stack(errors).sum() + settings.code_weight * codes.square().sum()
+
+    ended = _descend(begun, code_loss, count, settings.code_steps, settings.batch, settings.code_rate, generator)
     found = torch.cat([ended, begun])
-    errors = [mean_error(with_code(decoder, groups, code), groups) for code in found]
+    errors = [shape.mean_error(of_parts) for of_parts in shape.codes(found)]
     best = min(range(len(errors)), key=errors.__getitem__)
     code, code_error = found[best], errors[best]
 
-    none = torch.zeros(parts, *film_size(decoder), device=code.device)
-    loss = _film_loss(decoder, groups, part, code, settings.film_weight)
-    film = _descend(none, loss, count, settings.film_steps, settings.batch, settings.film_rate, generator)
-    error = mean_error(with_film(decoder, groups, part, code, film), groups)
+    with torch.no_grad():
+        (of_parts,) = shape.codes(code[None])
+
+    def residual_loss(residual: Tensor, rows: Tensor) -> Tensor:
+        penalty = settings.residual_weight * residual.square().sum() / len(residual)
+        return shape.error(of_parts + residual, rows) + penalty
+
+    none = torch.zeros_like(of_parts)
+    steps, rate = settings.residual_steps, settings.residual_rate
+    residual = _descend(none, residual_loss, count, steps, settings.batch, rate, generator)
+    error = shape.mean_error(of_parts + residual)
     if error >= code_error:
-        film, error = none, code_error
-    return Inferred(code, film, int(starts[best % len(starts)]), code_error, error)
+        residual, error = none, code_error
+    return Inferred(code, residual, int(starts[best % len(starts)]), code_error, error)
 
 
-def with_code(decoder: nn.Module, groups: Batch, code: Float[Tensor, " d"]) -> Predict:
-    """What the decoder says of a shape with one code."""
-    return lambda rows: decoder(groups.points[rows], code.expand(len(rows), -1), groups.cuboid[rows])
+@dataclass(frozen=True, eq=False)
+class OneShape:
+    """A decoder and the points of one shape."""
 
+    decoder: Decoder
+    groups: Batch  # of one cage
+    clamp: float  # as in InferenceSettings
 
-def with_film(
-    decoder: nn.Module, groups: Batch, part: Int[Tensor, " g"], code: Float[Tensor, " d"], film: Tensor
-) -> Predict:
-    """The same with a residual of each part."""
-    return lambda rows: with_code(ShiftedDecoder(decoder, film[part[rows]]), groups, code)(rows)
+    def codes(self, latents: Float[Tensor, "r d"]) -> Float[Tensor, "r p k"]:
+        """What the decoder makes of the cage's parts with each of these latents."""
+        cages, count = self.groups.cages, len(latents)
+        return self.decoder.codes(latents, cages.cuboids.expand(count, -1, -1), cages.present.expand(count, -1))
 
+    def errors(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, "g n"]:
+        """|sdf error| of these groups with these codes of the parts, clamped as in training."""
+        some = self.groups.take(rows)
+        predicted, truth = self.decoder(some.points, codes[some.part], some.cuboid), some.sdf
+        if self.clamp:
+            limit = self.clamp * self.decoder.unit(some.cuboid)[:, None]
+            predicted, truth = predicted.clamp(-limit, limit), truth.clamp(-limit, limit)
+        return (predicted - truth).abs()
 
-@torch.inference_mode()
-def mean_error(predict: Predict, groups: Batch) -> float:
-    """Mean |sdf error| of all groups, canonical units."""
-    pieces = torch.arange(len(groups.sdf), device=groups.sdf.device).split(BLOCK)
-    return float(torch.cat([(predict(rows) - groups.sdf[rows]).abs().mean(dim=1) for rows in pieces]).mean())
+    def error(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, ""]:
+        """Mean of these."""
+        return self.errors(codes, rows).mean()
 
-
-def _code_loss(decoder: nn.Module, groups: Batch, weight: float) -> Loss:
-    """Of several codes at once; their sum, so that none of them feels the others."""
-
-    def loss(codes: Tensor, rows: Tensor) -> Tensor:
-        some = groups.take(rows.repeat(len(codes)))
-        predicted = decoder(some.points, codes.repeat_interleave(len(rows), dim=0), some.cuboid)
-        return (predicted - some.sdf).abs().mean() * len(codes) + weight * codes.square().sum()
-
-    return loss
-
-
-def _film_loss(decoder: nn.Module, groups: Batch, part: Tensor, code: Tensor, weight: float) -> Loss:
-    def loss(film: Tensor, rows: Tensor) -> Tensor:
-        predicted = with_film(decoder, groups, part, code, film)(rows)
-        return (predicted - groups.sdf[rows]).abs().mean() + weight * film.square().sum() / len(film)
-
-    return loss
+    @torch.inference_mode()
+    def mean_error(self, codes: Float[Tensor, "p k"]) -> float:
+        """Mean of all groups, canonical units."""
+        pieces = torch.arange(len(self.groups.sdf), device=self.groups.sdf.device).split(BLOCK)
+        return float(torch.cat([self.errors(codes, rows).mean(dim=1) for rows in pieces]).mean())
 
 
 def _descend(

@@ -5,15 +5,18 @@ from torch import Tensor
 
 
 def shape_l1(
-    predicted: Float[Tensor, "g n"], sdf: Float[Tensor, "g n"], weight: Float[Tensor, " g"], clamp: float
+    predicted: Float[Tensor, "g n"],
+    sdf: Float[Tensor, "g n"],
+    weight: Float[Tensor, " g"],
+    clamp: Float[Tensor, "g 1"] | None,
 ) -> Float[Tensor, ""]:
     """Mean over groups of weight × mean absolute error, canonical units.
 
     With the weights of `batches.shape_weights` it estimates the error averaged over each
-    deformed shape, then over shapes. Where `clamp` is not 0, prediction and truth are clamped to
+    deformed shape, then over shapes. With `clamp`, canonical units, prediction and truth are clamped to
     ±`clamp` first, as in DeepSDF: beyond it only the sign matters.
     """
-    if clamp:
+    if clamp is not None:
         predicted, sdf = predicted.clamp(-clamp, clamp), sdf.clamp(-clamp, clamp)
     return (weight * (predicted - sdf).abs().mean(dim=1)).mean()
 

@@ -16,14 +16,19 @@ from torch import Tensor
 
 from cagesdf.cuboid import Sequence
 from cagesdf.io.points import CHUNK, PointChunks, count_groups, count_points, read_groups, read_points, shard_paths
+from cagesdf.models.decoders import TrainsOn
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import (
     Batch,
     Batches,
+    Cages,
     MemoryBatches,
+    Owners,
+    bundled,
+    cage_of,
     cuboid_distance,
+    kind_of,
     latent_keys,
-    own_cuboids,
     refuse_lost,
     shared_or_own,
     training_chunks,
@@ -35,7 +40,6 @@ BLOCK = 16  # row groups that are read in one go
 POOL = 4  # blocks whose chunks are mixed: a million points
 
 Steps = Literal["all", "rest"]
-Places = Literal["cage", "cube"]
 
 
 class TrainingPoints(ABC):
@@ -49,15 +53,15 @@ class TrainingPoints(ABC):
         """Keys of the latent table: one a source shape, or one a deformed shape, in sorted order."""
 
     @abstractmethod
-    def batches(self, latents: LatentTable, batch: int, seed: int) -> Batches:
-        """Batches of `batch` groups in an order drawn from `seed`."""
+    def batches(self, latents: LatentTable, batch: int, bundle: int, seed: int) -> Batches:
+        """Batches of `batch` groups, `bundle` of a deformed shape in a row, in an order drawn from `seed`."""
 
 
 def open_points(
     folder: Path,
     sequences: Mapping[str, Sequence],
     steps_of: Steps,
-    points_of: Places,
+    trains_on: TrainsOn,
     reach: float,
     rng: np.random.Generator,
     memory: int,
@@ -66,9 +70,9 @@ def open_points(
 
     Raises InputError as `training_chunks` does.
     """
-    if count_points(folder) * BYTES_A_POINT <= memory:
-        return LoadedPoints(folder, sequences, steps_of, points_of, reach, rng)
-    return StreamedPoints(folder, sequences, steps_of, points_of, reach)
+    if count_points(folder, kind_of(trains_on)) * BYTES_A_POINT <= memory:
+        return LoadedPoints(folder, sequences, steps_of, trains_on, reach, rng)
+    return StreamedPoints(folder, sequences, steps_of, trains_on, reach)
 
 
 class LoadedPoints(TrainingPoints):
@@ -79,13 +83,13 @@ class LoadedPoints(TrainingPoints):
         folder: Path,
         sequences: Mapping[str, Sequence],
         steps_of: Steps,
-        points_of: Places,
+        trains_on: TrainsOn,
         reach: float,
         rng: np.random.Generator,
     ) -> None:
-        chunks = read_points(folder)
+        chunks = read_points(folder, kind_of(trains_on))
         self.sampled = len(chunks) * CHUNK
-        self._chunks = training_chunks(chunks, sequences, steps_of, points_of, reach, rng)
+        self._chunks = training_chunks(chunks, sequences, steps_of, trains_on, reach, rng)
         self._sequences = sequences
         self.used = len(self._chunks) * CHUNK
 
@@ -93,9 +97,9 @@ class LoadedPoints(TrainingPoints):
         """As in `TrainingPoints`."""
         return latent_keys(self._chunks, latents)
 
-    def batches(self, latents: LatentTable, batch: int, seed: int) -> Batches:
+    def batches(self, latents: LatentTable, batch: int, bundle: int, seed: int) -> Batches:
         """As in `TrainingPoints`; the whole training set's order is shuffled."""
-        return MemoryBatches(training_set(self._chunks, self._sequences, latents), batch, seed)
+        return MemoryBatches(training_set(self._chunks, self._sequences, latents), batch, bundle, seed)
 
 
 @dataclass(frozen=True)
@@ -116,13 +120,13 @@ class StreamedPoints(TrainingPoints):
     """
 
     def __init__(
-        self, folder: Path, sequences: Mapping[str, Sequence], steps_of: Steps, points_of: Places, reach: float
+        self, folder: Path, sequences: Mapping[str, Sequence], steps_of: Steps, trains_on: TrainsOn, reach: float
     ) -> None:
-        self.sequences, self.steps_of, self.points_of, self.reach = sequences, steps_of, points_of, reach
-        self.sampled = count_points(folder)
+        self.sequences, self.steps_of, self.trains_on, self.reach = sequences, steps_of, trains_on, reach
+        self.sampled = count_points(folder, kind_of(trains_on))
         self.blocks = [
             Block(path, range(start, min(start + BLOCK, groups)))
-            for path in shard_paths(folder)
+            for path in shard_paths(folder, kind_of(trains_on))
             for groups in (count_groups(path),)
             for start in range(0, groups, BLOCK)
         ]
@@ -133,7 +137,7 @@ class StreamedPoints(TrainingPoints):
             chunks, keep = self.read(block)
             self._count(chunks, keep)
             seen.update(chunks.shape_ids)
-        refuse_lost(sorted(seen - {shape_id for shape_id, _ in self.points}), not seen, steps_of, points_of, reach)
+        refuse_lost(sorted(seen - {shape_id for shape_id, _ in self.points}), not seen, steps_of, trains_on, reach)
         self.used = sum(self.points.values())
 
     def read(self, block: Block) -> tuple[PointChunks, Bool[ndarray, "c n"]]:
@@ -142,8 +146,8 @@ class StreamedPoints(TrainingPoints):
         keep = np.ones(chunks.sdf.shape, bool)
         if self.steps_of == "rest":
             keep &= (chunks.step == 0)[:, None]
-        if self.points_of == "cage":
-            keep &= cuboid_distance(chunks.xyz, own_cuboids(chunks, self.sequences)) <= self.reach
+        if self.trains_on == "cage":
+            keep &= cuboid_distance(chunks.xyz, Owners.of(chunks, self.sequences).cuboids()) <= self.reach
         some = np.flatnonzero(keep.any(axis=1))
         return chunks.take(some), keep[some]
 
@@ -158,9 +162,9 @@ class StreamedPoints(TrainingPoints):
         """As in `TrainingPoints`."""
         return shared_or_own(sorted(self.points), latents)
 
-    def batches(self, latents: LatentTable, batch: int, seed: int) -> Batches:
+    def batches(self, latents: LatentTable, batch: int, bundle: int, seed: int) -> Batches:
         """As in `TrainingPoints`; each is drawn from a pool of blocks."""
-        return StreamedBatches(self, latents, batch, seed)
+        return StreamedBatches(self, latents, batch, bundle, seed)
 
 
 @dataclass(frozen=True)
@@ -191,8 +195,11 @@ class StreamedBatches(Batches):
     the next are held, and those that a batch straddles.
     """
 
-    def __init__(self, source: StreamedPoints, latents: LatentTable, batch: int, seed: int) -> None:
-        self.source, self.latents, self.batch, self.seed = source, latents, batch, seed
+    def __init__(self, source: StreamedPoints, latents: LatentTable, batch: int, bundle: int, seed: int) -> None:
+        self.source, self.batch, self.bundle, self.seed = source, batch, bundle, seed
+        deformed = sorted(source.points)
+        self.rows = {key: row for row, key in enumerate(deformed)}
+        self.cages = Cages.of((cage_of(source.sequences, *key), latents.row(*key)) for key in deformed)
         self.counts = np.array(source.chunks)
         self.total = int(self.counts.sum())
         self._thread = ThreadPoolExecutor(1)
@@ -211,7 +218,7 @@ class StreamedBatches(Batches):
         for piece in pieces:
             groups, order = self._pools[piece.epoch, piece.pool].result()
             found.append(groups.take(order[piece.start : piece.stop]))
-        return joined(found)
+        return Batch.joined(found)
 
     def _pieces(self, start: int, stop: int) -> list[Piece]:
         """Where the chunks from `start` to `stop` of the endless row of epochs are."""
@@ -237,25 +244,24 @@ class StreamedBatches(Batches):
         """The groups of one pool, and the order in which they are used."""
         rng = np.random.default_rng([self.seed, epoch, pool])
         blocks = self._plans[epoch].blocks[pool * POOL : (pool + 1) * POOL].tolist()
-        groups = joined([self._groups(self.source.blocks[block], rng) for block in blocks])
-        return groups, torch.from_numpy(rng.permutation(len(groups.weight)))
+        groups = Batch.joined([self._groups(self.source.blocks[block], rng) for block in blocks])
+        return groups, torch.from_numpy(bundled(groups.shape.numpy(), self.bundle, rng))
 
     def _groups(self, block: Block, rng: np.random.Generator) -> Batch:
         chunks, keep = self.source.read(block)
         slots = filled(keep, rng)
-        keys, inverse = np.unique(np.stack([chunks.shape_id, chunks.step]), axis=1, return_inverse=True)
-        shapes = [(chunks.shape_ids[shape], step) for shape, step in zip(*keys.tolist())]
-        rows = np.array([self.latents.row(*shape) for shape in shapes], np.int64)
+        owners = Owners.of(chunks, self.source.sequences)
         # As `shape_weights`, with points instead of chunks: C k / (S N).
         share = self.counts.sum() / len(self.source.points)
-        say = np.array([share / self.source.points[shape] for shape in shapes])
-        own = inverse.reshape(-1)
+        say = np.array([share / self.source.points[shape] for shape in owners.deformed])
+        rows = np.array([self.rows[shape] for shape in owners.deformed], np.int64)
         return Batch(
             torch.from_numpy(np.take_along_axis(chunks.xyz, slots[:, :, None], axis=1)),
             torch.from_numpy(np.take_along_axis(chunks.sdf, slots, axis=1)),
-            torch.from_numpy(own_cuboids(chunks, self.source.sequences)),
-            torch.from_numpy(rows[own]),
-            torch.from_numpy((say[own] * keep.sum(axis=1)).astype(np.float32)),
+            torch.from_numpy((say[owners.shape] * keep.sum(axis=1)).astype(np.float32)),
+            torch.from_numpy(rows[owners.shape]),
+            torch.from_numpy(owners.part),
+            self.cages,
         )
 
 
@@ -267,10 +273,3 @@ def filled(keep: Bool[ndarray, "c n"], rng: np.random.Generator) -> Int[ndarray,
     order = np.argsort(rng.random(keep.shape, np.float32) + ~keep, axis=1)
     turn = np.arange(keep.shape[1]) % keep.sum(axis=1, keepdims=True)
     return np.take_along_axis(order, turn, axis=1)
-
-
-def joined(batches: list[Batch]) -> Batch:
-    """All groups together."""
-    if len(batches) == 1:
-        return batches[0]
-    return Batch(*(torch.cat([getattr(batch, name) for batch in batches]) for name in Batch.__dataclass_fields__))

@@ -2,44 +2,42 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
-from torch import nn
 
 from cagesdf.cuboid import Sequence
 from cagesdf.io.points import PointChunks, count_groups, read_groups, shard_paths
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
-from cagesdf.training.batches import cuboid_distance, own_cuboids
+from cagesdf.training.batches import Batch, cuboid_distance, kind_of, training_set
 
 CHUNKS = 32  # of each shape that are asked at most: 2048 points
 
 
 def rest_residuals(
     folder: Path,
-    decoder: nn.Module,
+    decoder: Decoder,
     latents: LatentTable,
     sequences: Mapping[str, Sequence],
-    points_of: Literal["cage", "cube"],
     reach: float,
 ) -> dict[str, float]:
     """Mean |sdf error| of each shape at rest over points such as it was trained on, canonical units; sorted by id.
 
-    Reads a shard's row group at a time. `points_of` and `reach` are those of `training_chunks`.
+    Reads a shard's row group at a time. `reach` is that of `training_chunks`.
     """
     left: dict[str, int] = {}
     totals: dict[str, list[float]] = {}
-    for path in shard_paths(folder):
+    for path in shard_paths(folder, kind_of(decoder.trains_on)):
         for group in range(count_groups(path)):
             chunks = _wanted(read_groups(path, [group]), left)
             if len(chunks) == 0:
                 continue
-            cuboids = own_cuboids(chunks, sequences)
-            errors = _errors(decoder, latents, chunks, cuboids)
+            groups = training_set(chunks, sequences, latents).to(latents.values.device)
+            errors = _errors(decoder, latents, groups)
             keep = np.ones_like(errors, dtype=bool)
-            if points_of == "cage":
-                keep = cuboid_distance(chunks.xyz, cuboids) <= reach
+            if decoder.trains_on == "cage":
+                keep = cuboid_distance(chunks.xyz, groups.cuboid.cpu().numpy()) <= reach
             for shape, error, kept in zip(chunks.shape_id.tolist(), (errors * keep).sum(axis=1), keep.sum(axis=1)):
                 total = totals.setdefault(chunks.shape_ids[shape], [0.0, 0])
                 total[0] += float(error)
@@ -59,9 +57,8 @@ def _wanted(chunks: PointChunks, left: dict[str, int]) -> PointChunks:
 
 
 @torch.inference_mode()
-def _errors(decoder: nn.Module, latents: LatentTable, chunks: PointChunks, cuboids: np.ndarray) -> np.ndarray:
-    device = latents.values.device
-    rows = torch.tensor([latents.row(chunks.shape_ids[shape], 0) for shape in chunks.shape_id.tolist()])
-    points = torch.from_numpy(chunks.xyz).to(device)
-    predicted = decoder(points, latents(rows.to(device)), torch.from_numpy(cuboids).to(device))
-    return np.abs(predicted.cpu().numpy() - chunks.sdf)
+def _errors(decoder: Decoder, latents: LatentTable, groups: Batch) -> np.ndarray:
+    cages = groups.cages
+    codes = decoder.codes(latents(cages.latent), cages.cuboids, cages.present)
+    predicted = decoder(groups.points, codes[groups.shape, groups.part], groups.cuboid)
+    return (predicted - groups.sdf).abs().cpu().numpy()

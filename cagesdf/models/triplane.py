@@ -1,0 +1,101 @@
+"""A decoder of one part at a time: feature planes in the cuboid's frame, linear in the part's code.
+
+The code of a part comes from its shape's code and the whole cage; what it says is the shape of the part in
+its cuboid. The planes hold that (EG3D's triplanes, Chan et al. 2022; here linear in a code, as POD bases are), and a
+small network reads them. Its answer is the distance to the part's own closed surface, so that each field is right
+in all of its cuboid, whichever other cuboids reach into it; parts are joined by union (the paper's §5).
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+from torch.nn.functional import grid_sample
+
+from cagesdf.frames import BEYOND, LEAST_UNIT
+from cagesdf.models.decoders import CUBOID, Decoder, to_unit
+from cagesdf.models.film import MappingNetwork, modulated
+from cagesdf.models.sines import sine_features
+from cagesdf.models.transformer import CageTransformer
+
+PLANES = tuple(combinations(range(3), 2))  # the axes of each plane
+
+
+class TriplaneDecoder(Decoder):
+    """Distance to a part's own surface, by its code: planes · MLP, times the cuboid's smallest length."""
+
+    trains_on = "part"
+
+    def __init__(
+        self,
+        width: int,
+        layers: int,
+        latent_dim: int,
+        mapping: Sequence[int],
+        octaves: int,
+        code_dim: int,
+        cells: int,
+        channels: int,
+        context: int,
+        context_layers: int,
+        heads: int,
+    ) -> None:
+        """Three planes of `cells`² × `channels` numbers from codes of `code_dim`; `layers` of `width` read them.
+
+        `context`, `context_layers` and `heads` are the transformer's.
+        """
+        super().__init__()
+        self.octaves = octaves
+        self.cells = cells
+        self.channels = channels
+        self.transformer = CageTransformer(latent_dim, CUBOID, context, context_layers, heads, code_dim)
+        self.planes = nn.Linear(code_dim, 3 * channels * cells**2)
+        self.mapping = MappingNetwork(code_dim + 3, mapping, layers, width)
+        inputs = 3 * channels + 3 + 6 * octaves
+        self.hidden = nn.ModuleList([nn.Linear(width if i else inputs, width, bias=False) for i in range(layers)])
+        self.out = nn.Linear(width, 1)
+
+    def codes(
+        self, latent: Float[Tensor, "s d"], cuboids: Float[Tensor, "s p 15"], present: Bool[Tensor, "s p"]
+    ) -> Float[Tensor, "s p k"]:
+        """From the shape's code and the whole cage."""
+        return self.transformer(latent, cuboids, present)
+
+    def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
+        """The cuboid's smallest length, at least LEAST_UNIT."""
+        return cuboid[:, 12:].amin(dim=1).clamp(min=LEAST_UNIT)
+
+    def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
+        """The planes, then scales and shifts of the layers, then the unit of distances; flat."""
+        film = self.mapping(torch.cat([code, cuboid[:, 12:].log()], dim=-1))
+        return torch.cat([self.planes(code), film.flatten(1), self.unit(cuboid)[:, None]], dim=1)
+
+    def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
+        """The point in the cuboid's unit frame, and its sines."""
+        unit = to_unit(points, cuboid)
+        return torch.cat([unit, sine_features(unit, self.octaves)], dim=-1)
+
+    def at(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
+    ) -> Float[Tensor, "g n"]:
+        """Signed distance of each point."""
+        planes, film = condition[:, : self.planes.out_features], condition[:, self.planes.out_features : -1]
+        layers = film.view(len(film), len(self.hidden), 2, -1)
+        given = torch.cat([self.read(planes, features[..., :3]), features], dim=-1)
+        weights = [layer.get_parameter("weight") for layer in self.hidden]
+        hidden = modulated(given, 1 + layers[:, :, 0], layers[:, :, 1], 0, weights, products)
+        return self.out(hidden)[..., 0] * condition[:, -1:]
+
+    def read(self, planes: Float[Tensor, "g f"], unit: Float[Tensor, "g n 3"]) -> Float[Tensor, "g n c"]:
+        """The planes' features at points of the unit frame, between cells bilinearly, beyond the planes the border's."""
+        count, points = unit.shape[:2]
+        places = torch.stack([unit[..., axes] for axes in PLANES], dim=1) * (2 / (1 + 2 * BEYOND))
+        found = grid_sample(
+            planes.reshape(3 * count, self.channels, self.cells, self.cells),
+            places.view(3 * count, 1, points, 2),
+            padding_mode="border",
+            align_corners=True,
+        )
+        return found.view(count, 3 * self.channels, points).transpose(1, 2)
