@@ -84,7 +84,7 @@ class Live:
     def surface(self, state: State) -> Extraction:
         """The surface of a state, canonical: closed, outward and within its cuboids, or without faces."""
         latent = torch.from_numpy(state.latent).to(self._run.latents.values.device)
-        return self._live.surface(field_of(self._run.decoder, latent, state.cage))
+        return self._live.surface(field_of(self._run.decoder, latent, state.cage, state.seen))
 
 
 def model_of(mesh: Mesh, state: State) -> Model:
