@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from cagesdf.extraction.joining import Joined, Part, part_of
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
@@ -28,7 +29,6 @@ from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.extraction import FIELDS, METHODS, OUTSIDES, OVERLAPS, CageField, LiveSurface, extract
-from cagesdf.extraction.joining import Joined, Part, part_of
 from cagesdf.extraction.surface import march
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.runs import Run, read_run

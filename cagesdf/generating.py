@@ -251,6 +251,7 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         standing_on,
         standing_on and how.stable(cage),
         points.astype(np.float32),
+        found.parts,
     )
 
 

@@ -36,7 +36,7 @@ TRIALS = TrialsParams(
 )  # fmt: skip
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
-    "cagesdf": {"decoder": "LocalCageDecoder", "points_of": "cage", "latents": "source"},
+    "cagesdf": {"decoder": "CageDecoder", "points_of": "cage", "latents": "source"},
     "deepsdf": {"decoder": "DeepSdfDecoder", "points_of": "cube", "latents": "deformed"},
 }
 EDITS = EditsParams(format=1, resolution=32, loose="keep", arms=tuple(ARMS))

@@ -1,5 +1,6 @@
 """A trained run, opened for editing: from shapes to states, from states to surfaces."""
 
+from collections.abc import Mapping
 from difflib import get_close_matches
 from functools import cached_property
 
@@ -69,9 +70,7 @@ class Session:
 
         With `each` a pool's `map`, cuboids are asked side by side.
         """
-        return Live(
-            LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, least), self.run
-        )
+        return Live(LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, least), self.run)
 
 
 class Live:
@@ -87,13 +86,13 @@ class Live:
         return self._live.surface(field_of(self._run.decoder, latent, state.cage, state.seen))
 
 
-def model_of(mesh: Mesh, state: State) -> Model:
+def model_of(found: Extraction, state: State) -> Model:
     """A state's surface, canonical, as it is given to users."""
-    return cut(mesh, state.cage, state.structure, state.similarity)
+    return as_given(found.mesh, found.parts, state.cage, state.structure, state.similarity)
 
 
-def cut(mesh: Mesh, cage: Cage, structure: Structure, similarity: Similarity) -> Model:
-    """A canonical surface in the user's frame, cut by cuboid, with the cuboids; `similarity` is raw → canonical.
+def as_given(mesh: Mesh, parts: Mapping[str, Mesh], cage: Cage, structure: Structure, similarity: Similarity) -> Model:
+    """A canonical surface and its parts in the user's frame, with the cuboids; `similarity` is raw → canonical.
 
     Raises InputError for a place or size that files can't hold; see `exports.as_stored`.
     """
@@ -102,5 +101,7 @@ def cut(mesh: Mesh, cage: Cage, structure: Structure, similarity: Similarity) ->
         names[part]: Mesh(similarity.to_raw(corners), CUBE_FACES)
         for part, corners in zip(cage.part_ids, cage.corners())
     }
-    raw = mesh.with_vertices(similarity.to_raw(mesh.vertices))
-    return Model.of(raw, cuboids, lambda middles: cage.assign(similarity.to_canonical(middles))[0])
+    raw = {
+        names.get(part, part): solid.with_vertices(similarity.to_raw(solid.vertices)) for part, solid in parts.items()
+    }
+    return Model.of(mesh.with_vertices(similarity.to_raw(mesh.vertices)), raw, cuboids)

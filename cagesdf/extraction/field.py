@@ -19,7 +19,7 @@ ROWS = 96  # numbers of points are rounded up to this: libraries compute what is
 # Of values beyond this, in the decoder's unit, only the sign counts: there networks haven't learnt distances.
 REACH: Mapping[TrainsOn, float] = {"part": 0.5, "cage": OUTSIDE, "cube": OUTSIDE}
 # Where decoders are asked that don't know cuboids.
-CUBE = Cage.of({"cube": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
+CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
 
 
 class CageField:
