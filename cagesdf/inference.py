@@ -8,16 +8,22 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32
 from numpy import ndarray
+from torch import Tensor
 
 from cagesdf.cuboid import Cage, Sequence
+from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.extraction import CageField, Extraction, extract
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.fitting.fitted import FittedCage
+from cagesdf.io.points import CHUNK, PointChunks
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.models.shifted import ShiftedDecoder
+from cagesdf.sampling import sample_points
 from cagesdf.shape import Shape
 from cagesdf.solid import union
 from cagesdf.training.batches import Batch, training_chunks, training_set

@@ -20,8 +20,8 @@ from cagesdf.generating import Order
 from cagesdf.io.generated import GeneratedShape
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run
-from cagesdf.meshes import is_closed
-from cagesdf.solid import cage_surface
+from cagesdf.meshes import Mesh, is_closed
+from cagesdf.solid import CUBE_FACES, cage_surface
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.parsing import read_program

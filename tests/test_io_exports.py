@@ -80,7 +80,7 @@ def test_a_file_of_one_mesh_holds_the_surface_and_nothing_else(ending: str, tmp_
     assert solid.is_watertight
     assert len(solid.faces) == len(model().surface.faces)
     assert solid.volume == pytest.approx(signed_volume(model().surface), rel=1e-6)
-    np.testing.assert_allclose(solid.bounds, [CENTRE - [1.3, 1, 1], CENTRE + [1.3, 1, 1]], atol=1e-5)
+    np.testing.assert_allclose(solid.bounds, CENTRE + np.array([[-1.3, -1, -1], [1.3, 1, 1]]), atol=1e-5)
 
 
 @pytest.mark.parametrize("ending", [".obj", ".glb"])
@@ -91,7 +91,9 @@ def test_a_file_of_parts_holds_each_as_a_closed_mesh_of_its_own(ending: str, tmp
     assert [name.replace("_", " ") for name in groups] == ["leg 1", "back/rest"]
     for mesh, shift in zip(groups.values(), (-0.3, 0.3)):
         assert is_closed(mesh)
-        np.testing.assert_allclose((mesh.vertices.min(0) + mesh.vertices.max(0)) / 2, CENTRE + [shift, 0, 0], atol=1e-5)
+        np.testing.assert_allclose(
+            (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2, CENTRE + np.array([shift, 0, 0]), atol=1e-5
+        )
         assert signed_volume(mesh) == pytest.approx(signed_volume(toy.ball([0, 0, 0], 1.0)), rel=1e-5)
 
 

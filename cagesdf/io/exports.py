@@ -6,9 +6,10 @@
 .glb   scene "parts", the one that is shown, a node for each part, closed; scene "surface", one node; scene "cuboids",
        a node a part
 
-Parts run into each other where the shape's do; the surface is their union. Cuboids that other formats are to have go into a file of their own: readers that join all objects would count them as
-surface. Positions are exact to float32 of the shape's own size wherever it stands: far from the origin .obj and .ply
-have them in double precision, .glb from a node's translation, and .stl, whose numbers are float32, is refused.
+Parts run into each other where the shape's do; the surface is their union. Cuboids that other formats are to have go
+into a file of their own: readers that join all objects would count them as surface. Positions are exact to float32 of
+the shape's own size wherever it stands: far from the origin .obj and .ply have them in double precision, .glb from a
+node's translation, and .stl, whose numbers are float32, is refused.
 
 Equal models give equal bytes: no times, no names of machines or libraries' versions.
 """
