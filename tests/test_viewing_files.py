@@ -11,6 +11,7 @@ from untrained import untrained
 
 from cagesdf.editing.session import model_of
 from cagesdf.errors import InputError
+from cagesdf.extraction import Extraction
 from cagesdf.io.exports import write_boxes, write_model
 from cagesdf.viewing import files
 
