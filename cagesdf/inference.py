@@ -14,8 +14,7 @@ from cagesdf.cuboid import Cage, Sequence
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
-from cagesdf.extraction import OUTSIDES, CageField, Extraction, extract
-from cagesdf.extraction.field import Outside
+from cagesdf.extraction import CageField, Extraction, extract
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.points import CHUNK, PointChunks

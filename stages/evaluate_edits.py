@@ -13,7 +13,7 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
 from cagesdf.evaluation.trials import Trial
-from cagesdf.extraction import FIELDS, LOOSE, METHODS, OUTSIDES, OVERLAPS, extract
+from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.trials import TrialFolder, read_trials
@@ -66,10 +66,9 @@ def try_arms(
 
 def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:
     """What the arm makes of a trial's cuboids and style."""
-    make_field, outside, overlap = FIELDS[run.params["points_of"]], OUTSIDES[params.outside], OVERLAPS[params.overlap]
-    field = make_field(run.decoder, run.latent(trial.style_of, 0), trial.cage, outside, overlap)
+    field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage)
     try:
-        return extract(field, params.resolution, METHODS["sparse"], LOOSE[params.loose]).mesh
+        return extract(field, params.resolution, loose=LOOSE[params.loose]).mesh
     except ValueError as error:
         error.add_note(f"trial {trial.trial_id}")
         raise

@@ -20,8 +20,8 @@ from cagesdf.generating import Order
 from cagesdf.io.generated import GeneratedShape
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run
-from cagesdf.meshes import is_closed
-from cagesdf.solid import cage_surface
+from cagesdf.meshes import Mesh, is_closed
+from cagesdf.solid import CUBE_FACES, cage_surface
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.parsing import read_program
@@ -50,6 +50,7 @@ def read_shape(run: Path) -> GeneratedShape:
     return GeneratedShape(
         "", "", 0, 0, trained.structures["stool_0"], cage, 0, np.zeros(2, np.float32), 1.0, "ok", mesh, 1, 0.0, 1,
         rooted=True, stable=True, points=mesh.vertices.astype(np.float32),
+        parts=dict(zip(cage.part_ids, (Mesh(corners, CUBE_FACES) for corners in cage.corners()))),
     )  # fmt: skip
 
 

@@ -79,7 +79,7 @@ def test_a_surface_is_written_in_the_users_frame(command: Command, trained: Path
     assert told["components"] == 1
     assert told["overshoot"] <= 1e-3
     assert told["evaluations"] > 0
-    assert set(told["seconds"]) == {"read", "extract", "cut", "write"}
+    assert set(told["seconds"]) == {"read", "extract", "place", "write"}
     # canonical = 0.5 · R raw + (0.1, 0.2, 0.3), z up: raw x, y, z are canonical x, -z, y.
     raw = SIZE[[0, 2, 1]] / 0.5
     centre = np.array([-0.1, 0.3, -0.2]) / 0.5

@@ -19,7 +19,7 @@ FIGURES: dict[str, Any] = {"width": 12, "layers": 3, "latent_dim": 4, "mapping":
 
 def untrained() -> Session:
     """Two chairs in one cage, and a network that was never trained: what it says differs by cuboid and style."""
-    decoder: Any = make_decoder("LocalCageDecoder", **FIGURES, seed=1)
+    decoder: Any = make_decoder("CageDecoder", **FIGURES, seed=1)
     with torch.no_grad():
         decoder.backbone.out.weight.mul_(0.02)
         decoder.backbone.out.bias.fill_(-0.01)
@@ -33,7 +33,7 @@ def untrained() -> Session:
             {name: Sequence(name, None, np.zeros(1), (False,), (structure.cage(),)) for name in names},
             dict.fromkeys(names, structure),
             dict.fromkeys(names, Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))),
-            {**FIGURES, "decoder": "LocalCageDecoder", "points_of": "cage"},
+            {**FIGURES, "decoder": "CageDecoder", "points_of": "cage"},
             {},
         )
     )

@@ -60,7 +60,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         import torch
 
         from cagesdf import inference
-        from cagesdf.editing.session import cut
+        from cagesdf.editing.session import as_given
         from cagesdf.io.fits import write_fit
         from cagesdf.io.residuals import read_residuals
         from cagesdf.io.runs import read_run
@@ -82,7 +82,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         found = inference.fit_code(trained, known, prepared, settings.inference, seed)
     with _timed(seconds, "extract"):
         surface = inference.fitted_surface(trained, found, resolution)
-    model = cut(surface.mesh, prepared.fitted.cage, shape.structure, shape.similarity)
+    model = as_given(surface.mesh, surface.parts, prepared.fitted.cage, shape.structure, shape.similarity)
     if not is_closed(model.surface) or signed_volume(model.surface) <= 0:
         raise InputError(f"{source}: the network gives a surface with holes, nothing was written; {found.verdict}")
     with _timed(seconds, "measure"):

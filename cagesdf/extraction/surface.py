@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from manifold3d import Manifold, OpType
 
 from cagesdf.cuboid import Cage
@@ -111,7 +112,7 @@ class LiveSurface:
         held = [part.solid for part in parts if len(part.mesh.faces)]
         if not held:
             return Extraction(NOTHING, meshes, asked, 0.0, 0, 0, 0.0)
-        whole = from_manifold(Manifold.batch_boolean(held, OpType.Add))
+        whole = in_order(from_manifold(Manifold.batch_boolean(held, OpType.Add)))
         whole, meshes = self.symmetry(whole, meshes, cage)
         mesh = self.loose(whole)
         overshoot = check(mesh, cage, self.cell)
@@ -119,3 +120,10 @@ class LiveSurface:
         dropped = 0 if mesh is whole else count_pieces(whole) - components
         clipped = sum(part.clipped for part in parts) / sum(part.vertices for part in parts)
         return Extraction(mesh, meshes, asked, clipped, components, dropped, overshoot)
+
+
+def in_order(mesh: Mesh) -> Mesh:
+    """The faces of a closed, manifold mesh by their first edge: manifold3d has them in the order in which the solids that
+    they are of were made, which threads and edits change."""
+    tail, head = mesh.faces[:, :2].T.astype(np.int64)
+    return Mesh(mesh.vertices, mesh.faces[np.argsort(tail * len(mesh.vertices) + head)])

@@ -24,9 +24,6 @@ CUBOID = 15  # numbers that describe a cuboid (§3.1)
 TrainsOn = Literal["part", "cage", "cube"]
 
 
-TrainsOn = Literal["part", "cage", "cube"]
-
-
 class Decoder(nn.Module, ABC):
     """A network in four steps: the codes of a cage's parts, what groups need once, what is given of points, layers."""
 
@@ -40,16 +37,6 @@ class Decoder(nn.Module, ABC):
 
     def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
         """The length that distances are clamped in, canonical units: here 1."""
-        return torch.ones_like(cuboid[:, 0])
-
-    trains_on: ClassVar[TrainsOn] = "cage"
-
-    def codes(
-        self, latent: Float[Tensor, "s d"], cuboids: Float[Tensor, "s p 15"], present: Bool[Tensor, "s p"]
-    ) -> Float[Tensor, "s p k"]:
-        return latent[:, None].expand(-1, cuboids.shape[1], -1)
-
-    def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
         return torch.ones_like(cuboid[:, 0])
 
     @abstractmethod
