@@ -37,7 +37,11 @@ POINTS = Layout(
         Column("x", pa.float32(), "canonical units"),
         Column("y", pa.float32(), "canonical units"),
         Column("z", pa.float32(), "canonical units"),
-        Column("sdf", pa.float32(), "signed distance to the surface of the deformed shape, or of its part (`of`); canonical units"),
+        Column(
+            "sdf",
+            pa.float32(),
+            "signed distance to the surface of the deformed shape, or of its part (`of`); canonical units",
+        ),
         Column("where", _IDS, "near: importance sampled, or around the part; uniform: in the cube or in the cuboid"),
     ),
     {

@@ -14,7 +14,7 @@ from torch import Tensor
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.errors import InputError
 from cagesdf.io.points import CHUNK, PointChunks, PointsOf
-from cagesdf.models.decoders import CUBOID, TrainsOn
+from cagesdf.models.decoders import TrainsOn
 from cagesdf.models.latents import SHARED, LatentTable
 
 

@@ -71,8 +71,8 @@ class Gradients:
         with torch.autocast(cuboid.device.type, torch.bfloat16, enabled=self.products == torch.bfloat16):
             condition = self.decoder.condition(own, cuboid)
         predicted = self.decoder.at(self.decoder.features(groups.points, cuboid), condition, self.products)
-        clamp = self.clamp * self.decoder.unit(cuboid)[:, None] if self.clamp else None
-        l1 = shape_l1(predicted, groups.sdf, groups.weight, clamp)
+        unit = self.decoder.unit(cuboid)[:, None]
+        l1 = shape_l1(predicted / unit, groups.sdf / unit, groups.weight, self.clamp)
         l1 = l1 * (weight * len(groups.weight) / len(batch.weight))
         *gradients, to_code = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)
         return l1.detach(), tuple(gradients), to_code

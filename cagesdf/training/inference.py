@@ -31,7 +31,6 @@ class InferenceSettings:
     residual_rate: float  # the same of the residual
     code_weight: float  # of the code's squared norm
     residual_weight: float  # of the squared norm of a part's residual, in the mean over parts
-    clamp: float  # of distances, in the decoder's unit; 0: none
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +52,7 @@ def infer(
     decoder: Decoder,
     candidates: Float[Tensor, "r d"],
     groups: Batch,
+    clamp: float,
     settings: InferenceSettings,
     seed: int,
 ) -> Inferred:
@@ -60,16 +60,16 @@ def infer(
 
     The best of `candidates`, such as training codes and their mean, are the starts. `groups` are of one cage; their
     latent rows and weights play no part. `decoder` knows cuboids, its
-    parameters are without gradients. What is found is no worse than the best start, and than the code alone; the
+    parameters are without gradients; distances are clamped as in its training. What is found is no worse than the best start, and than the code alone; the
     candidates' order plays no part but for ties.
     """
     generator = torch.Generator().manual_seed(seed)
     count = len(groups.sdf)
-    shape = OneShape(decoder, groups, settings.clamp)
+    shape = OneShape(decoder, groups, clamp)
     tried = OneShape(
         decoder,
         groups.take(torch.randperm(count, generator=generator)[: settings.tried].to(groups.sdf.device)),
-        settings.clamp,
+        clamp,
     )
     first = torch.tensor([tried.mean_error(code) for code in tried.codes(candidates)])
     starts = first.argsort(stable=True)[: settings.starts]
@@ -108,7 +108,7 @@ class OneShape:
 
     decoder: Decoder
     groups: Batch  # of one cage
-    clamp: float  # as in InferenceSettings
+    clamp: float  # of distances, in the decoder's unit; 0: none
 
     def codes(self, latents: Float[Tensor, "r d"]) -> Float[Tensor, "r p k"]:
         """What the decoder makes of the cage's parts with each of these latents."""
