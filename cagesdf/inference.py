@@ -19,6 +19,7 @@ from cagesdf.fitting.cages import fit_cage
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
+from cagesdf.models.codes import part_codes
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
 from cagesdf.shape import Shape

@@ -58,7 +58,9 @@ def sample_part(
     first, second = np.where(turned, 1 - first, first), np.where(turned, 1 - second, second)
     a, b, c = moved.corners()[faces].swapaxes(0, 1)
     places = a + first * (b - a) + second * (c - a)
-    spread = np.exp(rng.uniform(*np.log(SPREAD), (near, 1))) * max(float(cage.size[cuboid].min()), LEAST_UNIT)
+    spread = np.exp(rng.uniform(np.log(SPREAD[0]), np.log(SPREAD[1]), (near, 1))) * max(
+        float(cage.size[cuboid].min()), LEAST_UNIT
+    )
     around = cage.to_unit(places + rng.normal(size=(near, 3)) * spread, cuboid)
     filling = rng.uniform(-0.5 - BEYOND, 0.5 + BEYOND, (total, 3))
     beyond = (np.abs(around) > 0.5 + BEYOND).any(axis=1)

@@ -75,7 +75,7 @@ def facts(of: PointsOf, params: SampleParams) -> dict[str, object]:
         return {
             "of": "part",
             "deformation": "each part by its own cuboid alone",
-            "sampler": "normal offsets from the surface, uniform in the unit frame; uniform in the cuboid and around it",
+            "sampler": "normal offsets from the surface, even in the unit frame; uniform in and around the cuboid",
             **params.model_dump(include={"part_near", "part_uniform", "seed"}),
         }
     return {

@@ -123,7 +123,9 @@ class LiveSurface:
 
 
 def in_order(mesh: Mesh) -> Mesh:
-    """The faces of a closed, manifold mesh by their first edge: manifold3d has them in the order in which the solids that
-    they are of were made, which threads and edits change."""
+    """The faces of a closed, manifold mesh by their first edge.
+
+    manifold3d has them in the order in which the solids that they are of were made, which threads and edits change.
+    """
     tail, head = mesh.faces[:, :2].T.astype(np.int64)
     return Mesh(mesh.vertices, mesh.faces[np.argsort(tail * len(mesh.vertices) + head)])

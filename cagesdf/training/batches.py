@@ -68,11 +68,11 @@ class Batch:
 
     def take(self, groups: Int[Tensor, " k"]) -> "Batch":
         """The groups at these positions."""
-        return Batch(*(getattr(self, name)[groups] for name in _BY_GROUP), self.cages)
+        return replace(self, **{name: getattr(self, name)[groups] for name in _BY_GROUP})
 
     def run(self, groups: slice) -> "Batch":
         """A run of the groups; no copy."""
-        return Batch(*(getattr(self, name)[groups] for name in _BY_GROUP), self.cages)
+        return replace(self, **{name: getattr(self, name)[groups] for name in _BY_GROUP})
 
     def to(self, device: torch.device | str) -> "Batch":
         """The same batch on another device, with the cages that its groups have."""
@@ -87,7 +87,7 @@ class Batch:
         """The groups of batches that have the same cages."""
         if len(batches) == 1:
             return batches[0]
-        return Batch(*(torch.cat([getattr(batch, name) for batch in batches]) for name in _BY_GROUP), batches[0].cages)
+        return replace(batches[0], **{name: torch.cat([getattr(item, name) for item in batches]) for name in _BY_GROUP})
 
 
 _BY_GROUP = ("points", "sdf", "weight", "shape", "part")

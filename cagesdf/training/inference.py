@@ -35,7 +35,7 @@ class InferenceSettings:
 
 @dataclass(frozen=True, eq=False)
 class Inferred:
-    """A code and a residual, and how well the decoder fits the shape: mean |sdf error|, canonical units."""
+    """A code and a residual, and how well the decoder fits the shape: mean |sdf error|, in the decoder's unit."""
 
     code: Float[Tensor, " d"]
     residual: Float[Tensor, "p k"]  # by part, what is added to its code
@@ -59,8 +59,8 @@ def infer(
     """The code and the residual with which a decoder fits a shape's points.
 
     The best of `candidates`, such as training codes and their mean, are the starts. `groups` are of one cage; their
-    latent rows and weights play no part. `decoder` knows cuboids, its
-    parameters are without gradients; distances are clamped as in its training. What is found is no worse than the best start, and than the code alone; the
+    latent rows and weights play no part. `decoder` knows cuboids, its parameters are without gradients; errors are in
+    its unit, clamped as in its training. What is found is no worse than the best start, and than the code alone; the
     candidates' order plays no part but for ties.
     """
     generator = torch.Generator().manual_seed(seed)
@@ -116,12 +116,13 @@ class OneShape:
         return self.decoder.codes(latents, cages.cuboids.expand(count, -1, -1), cages.present.expand(count, -1))
 
     def errors(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, "g n"]:
-        """|sdf error| of these groups with these codes of the parts, clamped as in training."""
+        """|sdf error| of these groups with these codes of the parts, in the decoder's unit, clamped as in training."""
         some = self.groups.take(rows)
-        predicted, truth = self.decoder(some.points, codes[some.part], some.cuboid), some.sdf
+        unit = self.decoder.unit(some.cuboid)[:, None]
+        predicted = self.decoder(some.points, codes[some.part], some.cuboid) / unit
+        truth = some.sdf / unit
         if self.clamp:
-            limit = self.clamp * self.decoder.unit(some.cuboid)[:, None]
-            predicted, truth = predicted.clamp(-limit, limit), truth.clamp(-limit, limit)
+            predicted, truth = predicted.clamp(-self.clamp, self.clamp), truth.clamp(-self.clamp, self.clamp)
         return (predicted - truth).abs()
 
     def error(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, ""]:
@@ -130,7 +131,7 @@ class OneShape:
 
     @torch.inference_mode()
     def mean_error(self, codes: Float[Tensor, "p k"]) -> float:
-        """Mean of all groups, canonical units."""
+        """Mean of all groups, in the decoder's unit."""
         pieces = torch.arange(len(self.groups.sdf), device=self.groups.sdf.device).split(BLOCK)
         return float(torch.cat([self.errors(codes, rows).mean(dim=1) for rows in pieces]).mean())
 
