@@ -87,7 +87,10 @@ class Batch:
         """The groups of batches that have the same cages."""
         if len(batches) == 1:
             return batches[0]
-        return replace(batches[0], **{name: torch.cat([getattr(item, name) for item in batches]) for name in _BY_GROUP})
+        points, sdf, weight, shape, part = (
+            torch.cat([getattr(batch, name) for batch in batches]) for name in _BY_GROUP
+        )
+        return Batch(points, sdf, weight, shape, part, batches[0].cages)
 
 
 _BY_GROUP = ("points", "sdf", "weight", "shape", "part")

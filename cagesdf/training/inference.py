@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from cagesdf.models.decoders import Decoder
 from cagesdf.training.batches import Batch
+from cagesdf.training.losses import distance_errors
 
 BLOCK = 64  # groups that go through the network together where nothing is learnt
 
@@ -118,12 +119,8 @@ class OneShape:
     def errors(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, "g n"]:
         """|sdf error| of these groups with these codes of the parts, in the decoder's unit, clamped as in training."""
         some = self.groups.take(rows)
-        unit = self.decoder.unit(some.cuboid)[:, None]
-        predicted = self.decoder(some.points, codes[some.part], some.cuboid) / unit
-        truth = some.sdf / unit
-        if self.clamp:
-            predicted, truth = predicted.clamp(-self.clamp, self.clamp), truth.clamp(-self.clamp, self.clamp)
-        return (predicted - truth).abs()
+        predicted = self.decoder(some.points, codes[some.part], some.cuboid)
+        return distance_errors(predicted, some.sdf, self.decoder.unit(some.cuboid), self.clamp)
 
     def error(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, ""]:
         """Mean of these."""

@@ -4,18 +4,26 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def shape_l1(
-    predicted: Float[Tensor, "g n"], sdf: Float[Tensor, "g n"], weight: Float[Tensor, " g"], clamp: float
-) -> Float[Tensor, ""]:
-    """Mean over groups of weight × mean absolute error, in the unit of the distances (`Decoder.unit`).
+def distance_errors(
+    predicted: Float[Tensor, "g n"], sdf: Float[Tensor, "g n"], unit: Float[Tensor, " g"], clamp: float
+) -> Float[Tensor, "g n"]:
+    """|predicted − sdf|, both canonical, in the `unit` of each group (`Decoder.unit`).
 
-    With the weights of `batches.shape_weights` it estimates the error averaged over each
-    deformed shape, then over shapes. Where `clamp` is not 0, prediction and truth are clamped to
-    ±`clamp` first, as in DeepSDF: beyond it only the sign matters.
+    Where `clamp` is not 0, both are clamped to ±`clamp` units first, as in DeepSDF: beyond it only the sign matters.
     """
+    predicted, sdf = predicted / unit[:, None], sdf / unit[:, None]
     if clamp:
         predicted, sdf = predicted.clamp(-clamp, clamp), sdf.clamp(-clamp, clamp)
-    return (weight * (predicted - sdf).abs().mean(dim=1)).mean()
+    return (predicted - sdf).abs()
+
+
+def shape_mean(errors: Float[Tensor, "g n"], weight: Float[Tensor, " g"]) -> Float[Tensor, ""]:
+    """Mean over groups of weight × mean error.
+
+    With the weights of `batches.shape_weights` it estimates the error averaged over each
+    deformed shape, then over shapes.
+    """
+    return (weight * errors.mean(dim=1)).mean()
 
 
 def latent_penalty(latents: Float[Tensor, "r d"]) -> Float[Tensor, ""]:
