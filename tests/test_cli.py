@@ -22,6 +22,7 @@ from cagesdf.io.points import CHUNK, PointChunks, write_shard
 from cagesdf.io.runs import Run, write_run
 from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.models.arms import make_decoder
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import Params, artefact
@@ -63,13 +64,20 @@ def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
     return Command(capsys, monkeypatch)
 
 
-def write_trained(folder: Path, value: float) -> Path:
-    """A run of two boxes whose network says `value` everywhere, so that the cage is the surface."""
-    decoder: Any = make_decoder("DeepSdfDecoder", **FIGURES, seed=0)
+def constant(kind: str, value: float) -> Decoder:
+    """A network that says `value` everywhere, so that its cuboids are full or empty."""
+    decoder: Any = make_decoder(kind, **FIGURES, seed=0)
+    out = decoder.out if kind == "DeepSdfDecoder" else decoder.backbone.out
     with torch.no_grad():
         for parameter in decoder.parameters():
             parameter.zero_()
-        decoder.out.bias.fill_(value)
+        out.bias.fill_(value)
+    return decoder
+
+
+def write_trained(folder: Path, value: float) -> Path:
+    """A run of two boxes whose network says `value` everywhere, so that the cage is the surface."""
+    decoder = constant("CageDecoder", value)
     cages = tuple(Cage.of({"a": Cuboid(np.zeros(3), np.eye(3), SIZE * factor)}) for factor in (1.0, 1.2))
     names = ("chair_0001", "chair_0002")
     similarity = Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
@@ -79,7 +87,7 @@ def write_trained(folder: Path, value: float) -> Path:
         {name: Sequence(name, None, np.array([0.0, 1.0]), (False, True), cages) for name in names},
         {name: PartHierarchy.flat(("a",), ("",), "chair") for name in names},
         dict.fromkeys(names, similarity),
-        {**FIGURES, "decoder": "DeepSdfDecoder", "points_of": "cage"},
+        {**FIGURES, "decoder": "CageDecoder", "points_of": "cage"},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=PARAMS) as out:

@@ -116,7 +116,7 @@ def test_a_given_program_needs_no_generator_and_all_shapes_have_its_cuboids(comm
 def test_an_arm_without_cuboids_makes_whole_shapes_and_takes_no_options_about_them(
     command: Command, tmp_path: Path
 ) -> None:
-    run = test_stage_generate.write_arm(tmp_path / "run", 0.05, points_of="cube")
+    run = test_stage_generate.write_arm(tmp_path / "run", 0.05, trains_on="cube")
     told = json.loads(command("generate", run, "--count", 2, "--out", tmp_path / "new", "--resolution", 16))
     assert (told["method"], told["shapes"], told["empty"]) == ("isotropic", 2, 2)
     assert "rooted" not in told, "that is said of cuboids"

@@ -20,7 +20,6 @@ from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run, write_run
 from cagesdf.meshes import is_closed, signed_volume
-from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -30,13 +29,10 @@ command, trained = test_cli.command, test_cli.trained  # the fixtures
 LABELS = {"seat": "seat", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}
 
 
-def write_chairs(folder: Path, points_of: str = "cage") -> Path:
+def write_chairs(folder: Path, trains_on: str = "cage") -> Path:
     """A run of two chairs with programs, of which the second is larger; its network says that all cuboids are full."""
-    decoder: Any = make_decoder("DeepSdfDecoder", **FIGURES, seed=0)
-    with torch.no_grad():
-        for parameter in decoder.parameters():
-            parameter.zero_()
-        decoder.out.bias.fill_(-0.05)
+    kind = {"cage": "CageDecoder", "cube": "DeepSdfDecoder"}[trains_on]
+    decoder = test_cli.constant(kind, -0.05)
     placements = {
         name: Similarity(scale, np.eye(3), np.zeros(3)) for name, scale in (("chair_1", 1.0), ("chair_2", 1.2))
     }
@@ -50,7 +46,7 @@ def write_chairs(folder: Path, points_of: str = "cage") -> Path:
         },
         structures,
         dict.fromkeys(structures, Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))),
-        {**FIGURES, "decoder": "DeepSdfDecoder", "points_of": points_of},
+        {**FIGURES, "decoder": kind, "points_of": trains_on},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=PARAMS) as out:
@@ -177,7 +173,7 @@ def test_what_is_wrong_with_an_edit_is_said_and_nothing_is_written(
     (tmp_path / "bad.json").write_bytes(b"\xff")
     assert "UTF-8" in command.complaint("edit", chairs, "chair_1", tmp_path / "bad.json", out)
     assert "did you mean chair_" in command.complaint("swap", chairs, "chair_9", "chair_2", out)
-    cube = write_chairs(tmp_path / "runs" / "cube", points_of="cube")
+    cube = write_chairs(tmp_path / "runs" / "cube", trains_on="cube")
     assert "without cuboids" in command.complaint("swap", cube, "chair_1", "chair_2", out)
     assert not out.exists()
 
