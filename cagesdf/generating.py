@@ -115,7 +115,7 @@ def _drawn(kde: LatentKde, weights: np.ndarray, rng: np.random.Generator, temper
 
 def has_cuboids(run: Run) -> bool:
     """Whether an arm was trained on cuboids; the others make whole shapes from a code alone."""
-    return run.params["points_of"] == "cage"
+    return run.decoder.trains_on != "cube"
 
 
 def methods_of(run: Run) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:
     folders = artefact.inside(runs, params.arms, "run", params.format)
     manifests = {arm: folder / artefact.MANIFEST for arm, folder in folders.items()}
     with artefact.write("edits", out, inputs={"trials": trials}, params=params, foreign=manifests) as folder:
-        arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).params["points_of"] == "cage"}
+        arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).decoder.trains_on != "cube"}
         source = read_trials(trials)
         of_shape: dict[str, list[str]] = {}
         for trial_id, row in source.rows.items():

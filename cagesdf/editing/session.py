@@ -53,7 +53,7 @@ class Session:
 
     def edited(self, state: State, script: Script) -> History:
         """What a script leads to. Raises InputError as `operations.edited`, and for an arm that knows no cuboids."""
-        if self.run.params["points_of"] != "cage":
+        if self.run.decoder.trains_on == "cube":
             raise InputError("this arm was trained without cuboids: there is nothing to edit; take one such as cagesdf")
         return edited(state, script, self.styles)
 
