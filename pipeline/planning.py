@@ -155,9 +155,7 @@ def _arms(stage: dict[str, Any], run: dict[str, Any]) -> list[str]:
 
 def _methods(arm: Any) -> int:
     """How many ways an arm has to draw codes."""
-    from cagesdf.models.arms import decoder_class
-
-    return 1 if decoder_class(arm.decoder).trains_on == "cube" else 2
+    return 1 if arm.decoder == "DeepSdfDecoder" else 2
 
 
 def training_steps(params: Any) -> int:

@@ -44,7 +44,7 @@ def start(folder: Path, **options: object) -> subprocess.Popen[str]:
 
 def midway(folder: Path, alive: Callable[[], bool]) -> None:
     """Wait until the first shard is written; the others take some more seconds."""
-    while not (folder / "points.partial" / "shard-0000.parquet").exists():
+    while not (folder / "points.partial" / "shape-0000.parquet").exists():
         assert alive()
         time.sleep(0.01)
 

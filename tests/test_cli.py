@@ -87,7 +87,7 @@ def write_trained(folder: Path, value: float) -> Path:
         {name: Sequence(name, None, np.array([0.0, 1.0]), (False, True), cages) for name in names},
         {name: PartHierarchy.flat(("a",), ("",), "chair") for name in names},
         dict.fromkeys(names, similarity),
-        {**FIGURES, "decoder": "CageDecoder", "points_of": "cage"},
+        {**FIGURES, "decoder": "CageDecoder"},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=PARAMS) as out:

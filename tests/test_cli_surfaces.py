@@ -46,7 +46,7 @@ def write_chairs(folder: Path, trains_on: str = "cage") -> Path:
         },
         structures,
         dict.fromkeys(structures, Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))),
-        {**FIGURES, "decoder": kind, "points_of": trains_on},
+        {**FIGURES, "decoder": kind},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=PARAMS) as out:

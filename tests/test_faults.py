@@ -99,16 +99,16 @@ def test_training_names_a_damaged_shard_and_what_to_do(
     monkeypatch.chdir(folder)
     params = load("arms.cagesdf", folder / "params.yaml")
     paths = folder / "undisturbed", folder / "shapes", folder / "cuboids", folder / "sequences"
-    shard = paths[0] / "shard-0003.parquet"
+    shard = paths[0] / "part-0003.parquet"
     whole = shard.read_bytes()
     shard.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ArtefactError, match=r"shard-0003\.parquet: is not as it was written.*rerun"):
+    with pytest.raises(ArtefactError, match=r"part-0003\.parquet: is not as it was written.*rerun"):
         train.main(*paths, folder / "run", params)
     for place in (0.1, 0.5, 0.9):
         flipped = bytearray(whole)
         flipped[int(place * len(whole))] ^= 64
         shard.write_bytes(flipped)
-        with pytest.raises(InputError, match=r"shard-0003\.parquet: not a readable Parquet file.*rerun"):
+        with pytest.raises(InputError, match=r"part-0003\.parquet: not a readable Parquet file.*rerun"):
             train.main(*paths, folder / "run", params)
     assert not (folder / "run").exists()
 

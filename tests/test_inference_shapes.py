@@ -67,7 +67,7 @@ def trained(params: dict[str, object] | None = None) -> Run:
     sequences = {name: Sequence(name, None, np.zeros(1), (False,), (cage,)) for name, cage in cages.items()}
     structures = {name: PartHierarchy.flat(("a", "b"), ("ball",) * 2, "pair") for name in RADII}
     similarities = {name: Similarity(1.0, np.eye(3), np.zeros(3)) for name in RADII}
-    about = {"points_of": "cage", "reach": 0.02, "latent_dim": 2, **(params or {})}
+    about = {"reach": 0.02, "latent_dim": 2, **(params or {})}
     return Run(Balls(), table, sequences, structures, similarities, about, {"sampled": 1, "used": 1})
 
 

@@ -12,28 +12,31 @@ STEPS = """
 import json, resource, sys
 from dataclasses import fields
 from pathlib import Path
-import torch, yaml
-from cagesdf.models.arms import make_decoder
+import torch
+from cagesdf.models.arms import make_decoder, sizes_of_decoder
 from cagesdf.models.latents import LatentTable
-from cagesdf.training.batches import Batch, Batches
+from cagesdf.training.batches import Batch, Batches, Cages
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.loop import TrainSettings, train
+from pipeline.planning import profile_content
 
 folder = Path(sys.argv[1])
-values = yaml.safe_load(Path("params.yaml").read_text())["train"]
-values |= yaml.safe_load(Path("profiles/paper.yaml").read_text())["train"] | {"decoder": "CageDecoder", "steps": 2}
+content = profile_content("paper")
+values = content["train"] | content["arms"]["cagesdf_global"] | {"steps": 2}
 groups, shapes = values["batch_chunks"], 7600
 generator = torch.Generator().manual_seed(0)
-cuboid = torch.cat([torch.zeros(groups, 3), torch.eye(3).flatten().expand(groups, 9), torch.ones(groups, 3)], dim=1)
+cuboid = torch.cat([torch.zeros(3), torch.eye(3).flatten(), torch.ones(3)]).expand(shapes, 1, 15)
+cages = Cages(cuboid, torch.ones(shapes, 1, dtype=torch.bool), torch.arange(shapes))
+part = torch.zeros(groups, dtype=torch.int64)
 
 class Drawn(Batches):
     def at(self, step):
         points = torch.rand(groups, 64, 3, generator=generator) - 0.5
         rows = torch.randint(0, shapes, (groups,), generator=generator)
-        return Batch(points, points.abs().amax(dim=2) - 0.5, cuboid, rows, torch.ones(groups))
+        return Batch(points, points.abs().amax(dim=2) - 0.5, torch.ones(groups), rows, part, cages)
 
 table = LatentTable.drawn(tuple((str(i), 0) for i in range(shapes)), values["latent_dim"], 0.01, 0)
-sizes = {name: values[name] for name in ("width", "layers", "latent_dim", "mapping", "octaves")}
+sizes = {name: values[name] for name in sizes_of_decoder(values["decoder"])}
 network = make_decoder(values["decoder"], **sizes, seed=0)
 settings = TrainSettings(**{field.name: values[field.name] for field in fields(TrainSettings)})
 peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -43,7 +43,8 @@ def test_an_arm_is_train_with_its_differences(content: dict) -> None:
     arm = load("arms.deepsdf", DEFAULTS)
     assert isinstance(arm, TrainParams)
     assert arm.decoder == "DeepSdfDecoder"
-    assert arm.width == content["train"]["width"]
+    assert arm.width == content["arms"]["deepsdf"]["width"] != content["train"]["width"]
+    assert arm.log_every == content["train"]["log_every"]
 
 
 def test_the_schema_has_no_defaults(tmp_path: Path, content: dict) -> None:

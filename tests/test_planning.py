@@ -59,12 +59,12 @@ def test_times_are_those_measured_in_proportion_to_what_there_is_to_do(tmp_path:
     assert only(tmp_path, found("synthesize", 3.0)).seconds == pytest.approx(3.0 / 2 * 80)
     assert only(tmp_path, found("deform_sequences", 3.0)).seconds == pytest.approx(3.0 / 2 * 64)
     assert only(tmp_path, found("sample_points", 8.0)).seconds == pytest.approx(8.0 / (2 * 4) * 256)
-    training = only(tmp_path, found("train", 2.0, 20 * 16, "cagesdf"))
+    training = only(tmp_path, found("train", 2.0, 20 * 64, "cagesdf"))
     assert training.seconds == pytest.approx(2.0 / 20 * sections(tmp_path, None)["arms.cagesdf"].steps)
     # Surfaces are measured with 64 cells, and have 128.
     assert only(tmp_path, found("extract_meshes", 6.0, 4, "cagesdf")).seconds == pytest.approx(6.0 / 4 * 24 * 4)
-    # Two shapes, after each of three snapshots and at the end.
-    assert only(tmp_path, found("evaluate_progress", 6.0)).seconds == pytest.approx(6.0 / 2 * 8)
+    # Two shapes, after each of two snapshots and at the end.
+    assert only(tmp_path, found("evaluate_progress", 6.0)).seconds == pytest.approx(6.0 / 2 * 6)
     assert only(tmp_path, found("evaluate_edits", 6.0, 12, "cagesdf")).seconds == pytest.approx(6.0 / 12 * 103)
     # Two methods, of each of which two shapes are measured.
     assert only(tmp_path, found("generate", 2.0, 4, "cagesdf")).seconds == pytest.approx(2.0 / 4 * 32 * 2)

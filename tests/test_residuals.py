@@ -7,27 +7,31 @@ import pytest
 import spheres
 import torch
 
-from cagesdf.io.points import CHUNK, PointChunks, write_shard
+from cagesdf.io.points import CHUNK, PointChunks, PointsOf, shard_path, write_shard
 from cagesdf.models.arms import make_decoder
+from cagesdf.models.codes import part_codes
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.training import residuals
 from cagesdf.training.batches import Owners, cuboid_distance
 from cagesdf.training.residuals import rest_residuals
 
-DECODER = make_decoder("LocalCageDecoder", 8, 3, 4, [8], 1, seed=0)
+DECODERS = {
+    name: make_decoder(name, **spheres.SIZES, seed=0) for name in ("TriplaneDecoder", "CageDecoder", "DeepSdfDecoder")
+}
 LATENTS = LatentTable.drawn((("large", SHARED), ("small", SHARED)), 4, 1.0, seed=1)
 
 
-def shards(folder: Path) -> list[PointChunks]:
+def shards(folder: Path, of: PointsOf) -> list[PointChunks]:
     """Two shards of the same shapes, with points inside and outside of the cuboids."""
     folder.mkdir()
     pieces = [spheres.chunks((6, 4, 3, 5), reach=0.7, seed=seed) for seed in (0, 1)]
     for i, piece in enumerate(pieces):
-        write_shard(folder / f"shard-{i:04d}.parquet", [piece], np.random.default_rng(i))
+        write_shard(shard_path(folder, of, i), [piece], np.random.default_rng(i))
     return pieces
 
 
-def slow(pieces: list[PointChunks], shape_id: str, reach: float) -> float:
+def slow(decoder: Decoder, pieces: list[PointChunks], shape_id: str, reach: float) -> float:
     """The mean over all points of a shape at rest that are within reach of their cuboid, one at a time."""
     errors = []
     for piece in pieces:
@@ -40,26 +44,30 @@ def slow(pieces: list[PointChunks], shape_id: str, reach: float) -> float:
             for k in np.flatnonzero(near[chunk]):
                 point = torch.from_numpy(piece.xyz[chunk, k])[None, None]
                 with torch.no_grad():
-                    told = DECODER(point, latent, torch.from_numpy(cuboids[chunk])[None])
+                    code = part_codes(decoder, latent[0], spheres.sequences()[shape_id].cages[0])
+                    told = decoder(point, code, torch.from_numpy(cuboids[chunk])[None])
                 errors.append(abs(float(told) - float(piece.sdf[chunk, k])))
     return float(np.mean(errors))
 
 
-@pytest.mark.parametrize(("points_of", "reach", "counted"), [("cage", 0.02, 0.02), ("cube", 0.02, np.inf)])
+@pytest.mark.parametrize(
+    ("name", "of", "counted"),
+    [("TriplaneDecoder", "part", np.inf), ("CageDecoder", "shape", 0.02), ("DeepSdfDecoder", "shape", np.inf)],
+)
 def test_residuals_are_means_over_the_points_that_are_trained_on(
-    points_of: str, reach: float, counted: float, tmp_path: Path
+    name: str, of: PointsOf, counted: float, tmp_path: Path
 ) -> None:
-    pieces = shards(tmp_path / "points")
-    found = rest_residuals(tmp_path / "points", DECODER, LATENTS, spheres.sequences(), points_of, reach)
+    pieces = shards(tmp_path / "points", of)
+    found = rest_residuals(tmp_path / "points", DECODERS[name], LATENTS, spheres.sequences(), 0.02)
     assert list(found) == ["large", "small"]
     for shape_id, value in found.items():
-        assert value == pytest.approx(slow(pieces, shape_id, counted), rel=1e-5)
+        assert value == pytest.approx(slow(DECODERS[name], pieces, shape_id, counted), rel=1e-5)
 
 
 def test_no_more_chunks_of_a_shape_are_asked_than_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shards(tmp_path / "points")
+    shards(tmp_path / "points", "shape")
     monkeypatch.setattr(residuals, "CHUNKS", 2)
-    asked: list[int] = []
-    with DECODER.register_forward_hook(lambda _, given, __: asked.append(given[0].numel() // (3 * CHUNK))):
-        rest_residuals(tmp_path / "points", DECODER, LATENTS, spheres.sequences(), "cage", 0.02)
+    decoder, asked = DECODERS["CageDecoder"], []
+    with decoder.register_forward_hook(lambda _, given, __: asked.append(given[0].numel() // (3 * CHUNK))):
+        rest_residuals(tmp_path / "points", decoder, LATENTS, spheres.sequences(), 0.02)
     assert sum(asked) == 4

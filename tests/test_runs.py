@@ -1,6 +1,7 @@
 """Runs: self-contained, read back as they were, refused by name where they are not whole."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,14 @@ import torch
 
 from cagesdf.errors import InputError
 from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of, write_run, write_snapshot
-from cagesdf.models.arms import make_decoder
+from cagesdf.models.arms import make_decoder, sizes_of_decoder
+from cagesdf.models.codes import part_codes
 from cagesdf.models.latents import SHARED, LatentTable
 
 PARAMS: dict[str, Any] = {
-    "decoder": "LocalCageDecoder",
-    "width": 12,
-    "layers": 3,
-    "latent_dim": 4,
+    "decoder": "TriplaneDecoder",
+    **spheres.SIZES,
     "mapping": [8],
-    "octaves": 1,
-    "points_of": "cage",
     "reach": 0.02,
     "clamp": 0.0,
 }
@@ -29,9 +27,8 @@ LOG = [{"step": 1, "loss": 0.5, "l1": 0.4, "latent_norm": 0.1}]
 
 
 def make_run(keys: tuple[tuple[str, int], ...] = (("large", SHARED), ("small", SHARED))) -> Run:
-    sizes = {name: PARAMS[name] for name in ("width", "layers", "latent_dim", "mapping", "octaves")}
     return Run(
-        make_decoder("LocalCageDecoder", **sizes, seed=1),
+        make_decoder("TriplaneDecoder", **{name: PARAMS[name] for name in spheres.SIZES}, seed=1),
         LatentTable.drawn(keys, 4, 1.0, seed=2),
         spheres.sequences(),
         spheres.structures(),
@@ -51,13 +48,14 @@ def test_a_run_comes_back_as_it_was(folder: Path) -> None:
     before, after = make_run(), read_run(folder)
     assert not after.decoder.training
     assert not any(parameter.requires_grad for parameter in after.decoder.parameters())
-    cuboid = torch.from_numpy(after.sequences["large"].cages[1].vectors()).float()
+    cage = after.sequences["large"].cages[1]
+    cuboid = torch.from_numpy(cage.vectors()).float()
     points = torch.rand(1, 9, 3, generator=torch.Generator().manual_seed(0))
     latent = after.latent("large", 1)
     assert torch.equal(latent, before.latent("large", 1))
     with torch.no_grad():
-        call = points, latent[None], cuboid
-        assert torch.equal(after.decoder(*call), before.decoder(*call))
+        one, other = (run.decoder(points, part_codes(run.decoder, latent, cage), cuboid) for run in (after, before))
+    assert torch.equal(one, other)
     assert after.params == PARAMS
     assert after.points == before.points
     for shape_id, sequence in before.sequences.items():
@@ -102,8 +100,8 @@ def test_a_snapshot_that_is_missing_or_of_another_network_is_named(folder: Path)
     with pytest.raises(InputError, match=r"00000007\.safetensors: no such file"):
         read_snapshot(folder, 7)
     now = tensors(read_run(folder))
-    write_snapshot(folder, 7, {name: tensor for name, tensor in now.items() if name != "decoder.backbone.out.weight"})
-    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights.*backbone\.out"):
+    write_snapshot(folder, 7, {name: tensor for name, tensor in now.items() if name != "decoder.out.weight"})
+    with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights.*decoder\.out"):
         read_snapshot(folder, 7)
     write_snapshot(folder, 7, {**now, "latents": now["latents"][:1]})
     with pytest.raises(InputError, match=r"00000007\.safetensors: doesn't hold the weights.*latents has the size"):
@@ -153,3 +151,22 @@ def test_latents_of_another_length_are_refused(folder: Path) -> None:
     (folder / "arm.json").write_text(json.dumps(arm))
     with pytest.raises(InputError, match=r"latents\.parquet.*5 numbers"):
         read_run(folder)
+
+
+@pytest.mark.parametrize(
+    ("size", "value"),
+    [("cells", 1), ("cells", 257), ("channels", 0), ("heads", 65), ("heads", 3), ("context", "8"), ("code_dim", None)],
+)
+def test_sizes_that_make_no_network_are_refused_by_name(size: str, value: object, folder: Path) -> None:
+    arm = json.loads((folder / "arm.json").read_text())
+    (folder / "arm.json").write_text(json.dumps({**arm, "params": {**arm["params"], size: value}}))
+    with pytest.raises(InputError, match=rf"arm\.json.*{size}"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize("name", ["TriplaneDecoder", "CageDecoder", "DeepSdfDecoder"])
+def test_a_run_needs_the_sizes_of_its_own_decoder_alone(name: str, tmp_path: Path) -> None:
+    params = {size: PARAMS[size] for size in {*sizes_of_decoder(name), "latent_dim", "reach", "clamp"}}
+    decoder = make_decoder(name, **{size: params[size] for size in sizes_of_decoder(name)}, seed=1)
+    write_run(tmp_path, replace(make_run(), decoder=decoder, params={**params, "decoder": name}), LOG)
+    assert type(read_run(tmp_path).decoder) is type(decoder)

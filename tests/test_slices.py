@@ -13,7 +13,7 @@ from cagesdf.io.slices import MARGIN, THICKNESS, draw_slice, middle_slice
 
 @pytest.fixture
 def shard(tmp_path: Path) -> Path:
-    path = tmp_path / "shard-0000.parquet"
+    path = tmp_path / "shape-0000.parquet"
     write_shard(path, [spheres.chunks((300, 20, 30, 40))], np.random.default_rng(0))
     return path
 
@@ -34,8 +34,8 @@ def test_the_plane_is_the_one_that_shows_most_of_the_inside(tmp_path: Path) -> N
     """Of a thin plate across y, that is the plane that lies in it."""
     chunks = spheres.chunks((200, 0, 0, 0))
     chunks.sdf[:] = np.abs(chunks.xyz[..., 1]) - 0.02
-    write_shard(tmp_path / "shard-0000.parquet", [chunks], np.random.default_rng(0))
-    assert middle_slice(tmp_path / "shard-0000.parquet").axis == 1
+    write_shard(tmp_path / "shape-0000.parquet", [chunks], np.random.default_rng(0))
+    assert middle_slice(tmp_path / "shape-0000.parquet").axis == 1
 
 
 def test_a_picture_is_a_png_and_the_same_twice(shard: Path, tmp_path: Path) -> None:
@@ -47,6 +47,6 @@ def test_a_picture_is_a_png_and_the_same_twice(shard: Path, tmp_path: Path) -> N
 
 
 def test_a_shard_without_points_can_not_be_drawn(tmp_path: Path) -> None:
-    write_shard(tmp_path / "shard-0000.parquet", [spheres.chunks((0, 0, 0, 0))], np.random.default_rng(0))
+    write_shard(tmp_path / "shape-0000.parquet", [spheres.chunks((0, 0, 0, 0))], np.random.default_rng(0))
     with pytest.raises(InputError, match="holds no points to draw"):
-        middle_slice(tmp_path / "shard-0000.parquet")
+        middle_slice(tmp_path / "shape-0000.parquet")

@@ -53,7 +53,7 @@ def write_arm(folder: Path, value: float, trains_on: str = "cage") -> Path:
         {name: Sequence(name, None, np.zeros(1), (False,), (cage,)) for name, cage in CAGES.items()},
         STRUCTURES,
         dict.fromkeys(NAMES, Similarity(1.0, np.eye(3), np.zeros(3))),
-        {**test_cli.FIGURES, "decoder": kind, "points_of": trains_on},
+        {**test_cli.FIGURES, "decoder": kind},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=test_cli.PARAMS) as out:

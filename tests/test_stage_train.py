@@ -15,7 +15,7 @@ from cagesdf.errors import InputError
 from cagesdf.fitting.fitted import FittedCage
 from cagesdf.frames import Similarity
 from cagesdf.io.cuboids import write_cuboids
-from cagesdf.io.points import write_shard
+from cagesdf.io.points import shard_path, write_shard
 from cagesdf.io.runs import read_run
 from cagesdf.io.sequences import write_sequences
 from cagesdf.shape import AlignedPart
@@ -23,14 +23,12 @@ from cagesdf.structure.assembly import Assembly
 from cagesdf.training.batches import Batches, MemoryBatches
 from cagesdf.training.points import StreamedBatches
 from pipeline import Params, TrainParams, artefact, load
+from stages.sample_points import KINDS
 from stages.train import main
 
 ROOT = Path(__file__).parent.parent
 SMALL = {
-    "width": 16,
-    "layers": 3,
-    "latent_dim": 4,
-    "mapping": (8,),
+    **spheres.SIZES,
     "steps": 12,
     "batch_chunks": 4,
     "checkpoint_every": 4,
@@ -61,10 +59,15 @@ def inputs(tmp_path: Path) -> tuple[Path, ...]:
     with artefact.write("sequences", paths[3], inputs={}, params=params) as folder:
         write_sequences(folder, spheres.sequences().values(), {name: np.zeros((2, 1)) for name in names})
     with artefact.write("points", paths[0], inputs={}, params=params) as folder:
-        write_shard(
-            folder / "shard-0000.parquet", [spheres.chunks((30, 20, 80, 70), reach=0.8)], np.random.default_rng(0)
-        )
+        write_points(folder, (30, 20, 80, 70))
     return paths
+
+
+def write_points(folder: Path, counts: tuple[int, ...]) -> None:
+    """Points of the spheres as shapes, and of the spheres as parts: these differ in their seed alone."""
+    for seed, of in enumerate(KINDS):
+        chunks = spheres.chunks(counts, reach=0.8, seed=seed)
+        write_shard(shard_path(folder, of, 0), [chunks], np.random.default_rng(0))
 
 
 ARMS = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))["run"]["arms"]
@@ -78,17 +81,24 @@ def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path,
     assert sorted(run.sequences) == ["large", "small"]
     assert len(run.latents) == (4 if arm(name).latents == "deformed" else 2)
     assert run.points["sampled"] == 200 * 64
-    assert (run.points["used"] == run.points["sampled"]) == (arm(name).points_of == "cube")
+    assert (run.points["used"] == run.points["sampled"]) == (run.decoder.trains_on != "cage")
     assert not list(Path("checkpoints").glob("*/*"))
 
 
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        ("cagesdf_noaug", "around each part, of source shapes"),
+        ("cagesdf_global_noaug", "inside their cuboid or within 0.02, of source shapes"),
+        ("deepsdf", "in the whole cube, of all training steps"),
+    ],
+)
 def test_the_stage_says_which_points_it_trained_on(
-    inputs: tuple[Path, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, where: str, inputs: tuple[Path, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(*inputs, out=tmp_path / "run", params=arm("cagesdf_noaug"))
+    main(*inputs, out=tmp_path / "run", params=arm(name))
     used = read_run(tmp_path / "run").points["used"]
-    text = f"run: {used:,} of 12,800 points, those inside their cuboid or within 0.02, of source shapes"
-    assert text in capsys.readouterr().out
+    assert f"run: {used:,} of 12,800 points, those {where}; in memory" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("memory", "way"), [("1G", MemoryBatches), ("1K", StreamedBatches)])
@@ -153,9 +163,7 @@ def test_a_checkpoint_of_other_parameters_inputs_or_way_of_reading_is_not_taken_
             with pytest.raises(KeyboardInterrupt):
                 main(*inputs, out=tmp_path / "run", params=arm("cagesdf", **change))
         with artefact.write("points", inputs[0], inputs={}, params=Params(format=1)) as folder:
-            write_shard(
-                folder / "shard-0000.parquet", [spheres.chunks((70, 70, 70, 70), reach=0.8)], np.random.default_rng(0)
-            )
+            write_points(folder, (70, 70, 70, 70))
         with pytest.raises(KeyboardInterrupt):
             main(*inputs, out=tmp_path / "run", params=arm("cagesdf"))
     assert len(list(Path("checkpoints").iterdir())) == 4

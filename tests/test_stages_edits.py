@@ -36,8 +36,8 @@ TRIALS = TrialsParams(
 )  # fmt: skip
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
-    "cagesdf": {"decoder": "CageDecoder", "points_of": "cage", "latents": "source"},
-    "deepsdf": {"decoder": "DeepSdfDecoder", "points_of": "cube", "latents": "deformed"},
+    "cagesdf": {"decoder": "CageDecoder", "latents": "source"},
+    "deepsdf": {"decoder": "DeepSdfDecoder", "latents": "deformed"},
 }
 EDITS = EditsParams(format=1, resolution=32, loose="keep", arms=tuple(ARMS))
 # Three of one family, each with a cage and a style of its own.

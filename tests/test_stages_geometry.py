@@ -14,7 +14,7 @@ from cagesdf.deformation import deform_shape
 from cagesdf.distance import SurfaceDistance
 from cagesdf.io.cuboids import read_cages
 from cagesdf.io.matches import read_matches
-from cagesdf.io.points import POINTS, read_points, shard_paths
+from cagesdf.io.points import POINTS, PointsOf, read_points, shard_paths
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.sequences import read_sequences
 from cagesdf.meshes import Mesh
@@ -26,7 +26,10 @@ from stages import deform_sequences, fit_cuboids, match_targets, sample_points
 FIT = FitParams(format=1, slack=0.01, min_size=1e-3, margin=1e-6, points=500, max_rejected=0.1, seed=6)
 MATCH = MatchParams(format=1, unmatched="drop", scale=(0.8, 1.25), max_rejected=0.5, seed=2)
 DEFORM = DeformParams(format=1, steps=6, held_out=(2, 3), interpolation="cuboids", max_rejected=0.1)
-SAMPLE = SampleParams(format=1, near=400, uniform=100, per_cuboid=64, beta=60.0, shards=2, max_rejected=0.5, seed=3)
+SAMPLE = SampleParams(
+    format=1, near=400, uniform=100, per_cuboid=64, beta=60.0, part_near=32.0, part_uniform=8.0, shards=2,
+    max_rejected=0.5, seed=3,
+)  # fmt: skip
 SHAPES = [
     toy.stool("a"),
     toy.stool("b", width=1.3, height=0.6),
@@ -80,7 +83,7 @@ def test_a_shape_without_partner_is_scaled_where_that_is_wanted(done: Path, tmp_
 
 
 def test_points_are_of_training_steps_and_lie_as_far_as_they_say(done: Path) -> None:
-    points, sequences = read_points(done / "points"), read_sequences(done / "sequences")
+    points, sequences = read_points(done / "points", "shape"), read_sequences(done / "sequences")
     assert set(points.step.tolist()) == {0, 1, 4, 5}
     assert points.shape_ids == ("a", "b", "c")
     for shape in SHAPES[:2]:
@@ -95,9 +98,27 @@ def test_points_are_of_training_steps_and_lie_as_far_as_they_say(done: Path) -> 
         assert set(names) == set(cage.part_ids)
 
 
-def test_each_shape_goes_to_one_shard_and_shards_get_as_many(done: Path) -> None:
-    paths = shard_paths(done / "points")
-    assert [path.name for path in paths] == ["shard-0000.parquet", "shard-0001.parquet"]
+def test_points_of_parts_are_of_training_steps_and_lie_as_far_from_the_parts_that_their_own_cuboid_moved(
+    done: Path,
+) -> None:
+    points, sequences = read_points(done / "points", "part"), read_sequences(done / "sequences")
+    assert set(points.step.tolist()) == {0, 1, 4, 5}
+    assert points.shape_ids == ("a", "b", "c")
+    shape = SHAPES[1]
+    rest, cage = (sequences[shape.shape_id].cages[step] for step in (0, 4))
+    for i, part in enumerate(shape.parts):
+        moved = part.mesh.with_vertices(cage.from_unit(rest.to_unit(part.mesh.vertices, i), i))
+        place = points.shape_ids.index(shape.shape_id), 4, points.part_ids.index(part.part_id)
+        rows = np.flatnonzero((np.stack([points.shape_id, points.step, points.part], axis=1) == place).all(axis=1))
+        assert len(rows) >= 2
+        xyz = points.xyz[rows].reshape(-1, 3).astype(np.float64)
+        np.testing.assert_allclose(points.sdf[rows].ravel(), SurfaceDistance(moved).signed(xyz), atol=1e-7)
+
+
+@pytest.mark.parametrize("of", ["shape", "part"])
+def test_each_shape_goes_to_one_shard_and_shards_get_as_many(of: PointsOf, done: Path) -> None:
+    paths = shard_paths(done / "points", of)
+    assert [path.name for path in paths] == [f"{of}-0000.parquet", f"{of}-0001.parquet"]
     held = [set(POINTS.open(path).read(["shape_id"])["shape_id"].to_pylist()) for path in paths]
     assert sorted(held[0] | held[1]) == ["a", "b", "c"]
     assert [len(names) for names in held] == [2, 1]
@@ -140,8 +161,9 @@ def test_a_shape_whose_parts_are_not_closed_is_rejected_whole(
     broken = replace(SHAPES[0], parts=(opened, *SHAPES[0].parts[1:]))
     shapes = toy.write_shapes_artefact(tmp_path / "shapes", [broken, *SHAPES[1:]])
     sample_points.main(shapes, done / "sequences", tmp_path / "points", SAMPLE)
-    assert "step 0: mesh 0 of 5 is no closed solid" in read_rejected(tmp_path / "points")["a"]
-    assert read_points(tmp_path / "points").shape_ids == ("b", "c")
+    assert "is no closed solid" in read_rejected(tmp_path / "points")["a"]
+    for of in sample_points.KINDS:
+        assert read_points(tmp_path / "points", of).shape_ids == ("b", "c")
 
 
 def test_a_cage_that_does_not_bound_its_parts_rejects_the_shape(

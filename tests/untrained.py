@@ -14,15 +14,27 @@ from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.assembly import Assembly
 
-FIGURES: dict[str, Any] = {"width": 12, "layers": 3, "latent_dim": 4, "mapping": [8], "octaves": 1}
+FIGURES: dict[str, Any] = {
+    "width": 12,
+    "layers": 3,
+    "latent_dim": 4,
+    "mapping": [8],
+    "octaves": 1,
+    "code_dim": 6,
+    "cells": 4,
+    "channels": 3,
+    "context": 8,
+    "context_layers": 1,
+    "heads": 2,
+}
 
 
 def untrained() -> Session:
     """Two chairs in one cage, and a network that was never trained: what it says differs by cuboid and style."""
-    decoder: Any = make_decoder("CageDecoder", **FIGURES, seed=1)
+    decoder: Any = make_decoder("TriplaneDecoder", **FIGURES, seed=1)
     with torch.no_grad():
-        decoder.backbone.out.weight.mul_(0.02)
-        decoder.backbone.out.bias.fill_(-0.01)
+        decoder.out.weight.mul_(0.02)
+        decoder.out.bias.fill_(-0.01)
     labels = {"arm": "arm", "cube4": "arm", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}
     structure = Assembly(programs.CHAIR, Similarity(0.9, np.eye(3), np.zeros(3)), labels)
     names = ("a", "b")
@@ -33,7 +45,7 @@ def untrained() -> Session:
             {name: Sequence(name, None, np.zeros(1), (False,), (structure.cage(),)) for name in names},
             dict.fromkeys(names, structure),
             dict.fromkeys(names, Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))),
-            {**FIGURES, "decoder": "CageDecoder", "points_of": "cage"},
+            {**FIGURES, "decoder": "TriplaneDecoder"},
             {},
         )
     )

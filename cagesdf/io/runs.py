@@ -208,7 +208,10 @@ def _planned_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
     name = str(params.get("decoder"))[:60]
     whole(params, "latent_dim", 1, MAX_WIDTH, path)
     sizes = {size: _size(params, size, path) for size in sizes_of_decoder(name)}
-    return planned(lambda: make_decoder(name, seed=0, **sizes))
+    try:
+        return planned(lambda: make_decoder(name, seed=0, **sizes))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _size(params: Mapping[str, Any], name: str, path: Path) -> int | tuple[int, ...]:

@@ -29,7 +29,7 @@ def sizes_of_decoder(name: str) -> tuple[str, ...]:
 def make_decoder(name: str, seed: int, **sizes: Any) -> Decoder:
     """A decoder with weights drawn from `seed`; sizes that it doesn't have play no part.
 
-    Raises InputError as `decoder_class` does.
+    Raises InputError as `decoder_class` does, and for sizes that don't go together.
     """
     # Layers draw from torch's global generator; it is left as it was.
     with torch.random.fork_rng(devices=[]):

@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 from torch.nn.functional import gelu, scaled_dot_product_attention
 
+from cagesdf.errors import InputError
 from cagesdf.models.sines import sine_features
 
 CUBOID_OCTAVES = 2  # sine features of a cuboid's numbers: where it lies, in a form that layers can tell apart
@@ -19,8 +20,13 @@ class CageTransformer(nn.Module):
     """
 
     def __init__(self, latent_dim: int, cuboid: int, width: int, layers: int, heads: int, code_dim: int) -> None:
-        """From `latent_dim` numbers a shape and `cuboid` numbers a part to `code_dim` numbers a part."""
+        """From `latent_dim` numbers a shape and `cuboid` numbers a part to `code_dim` numbers a part.
+
+        Raises InputError if `heads` don't share `width` evenly.
+        """
         super().__init__()
+        if width % heads:
+            raise InputError(f"context: {width} units don't share out evenly among {heads} heads; wanted a multiple")
         self.embed = nn.Linear(latent_dim + cuboid * (1 + 2 * CUBOID_OCTAVES), width)
         self.layers = nn.ModuleList([ModulatedAttention(width, heads, latent_dim) for _ in range(layers)])
         self.norm = ModulatedNorm(width, latent_dim)
