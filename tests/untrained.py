@@ -21,7 +21,7 @@ def untrained() -> Session:
     """Two chairs in one cage, and a network that was never trained: what it says differs by cuboid and style."""
     decoder: Any = make_decoder("CageDecoder", **FIGURES, seed=1)
     with torch.no_grad():
-        decoder.backbone.out.weight.mul_(0.02)
+        decoder.backbone.out.weight.mul_(0.2)
         decoder.backbone.out.bias.fill_(-0.01)
     labels = {"arm": "arm", "cube4": "arm", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}
     structure = Assembly(programs.CHAIR, Similarity(0.9, np.eye(3), np.zeros(3)), labels)
