@@ -22,7 +22,7 @@ def untrained() -> Session:
     decoder: Any = make_decoder("CageDecoder", **FIGURES, seed=1)
     with torch.no_grad():
         decoder.backbone.out.weight.mul_(0.2)
-        decoder.backbone.out.bias.fill_(-0.01)
+        decoder.backbone.out.bias.fill_(0.012)
     labels = {"arm": "arm", "cube4": "arm", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}
     structure = Assembly(programs.CHAIR, Similarity(0.9, np.eye(3), np.zeros(3)), labels)
     names = ("a", "b")
