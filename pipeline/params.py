@@ -136,7 +136,7 @@ class TrainParams(Params):
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count
-    clamp: NonNegative  # of distances in the loss, in the decoder's unit (canonical units, or lengths of a part); 0: none
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps

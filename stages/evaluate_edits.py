@@ -66,7 +66,8 @@ def try_arms(
 
 def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:
     """What the arm makes of a trial's cuboids and style."""
-    field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage)
+    rest = run.sequences[trial.shape_id].cages[0]  # edits keep the codes that parts have there
+    field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
     try:
         return extract(field, params.resolution, loose=LOOSE[params.loose]).mesh
     except ValueError as error:

@@ -1,5 +1,7 @@
 """Training data in closed form: spheres in their cubes, each at two sizes, a step each."""
 
+from typing import Any
+
 import numpy as np
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
@@ -9,6 +11,19 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 RADII = {"large": (0.6, 0.5), "small": (0.4, 0.3)}
 PARTS = ("body",)
+SIZES: dict[str, Any] = {  # of a small network of any kind
+    "width": 24,
+    "layers": 3,
+    "latent_dim": 4,
+    "mapping": (16,),
+    "octaves": 1,
+    "code_dim": 6,
+    "cells": 5,
+    "channels": 4,
+    "context": 8,
+    "context_layers": 1,
+    "heads": 2,
+}
 
 
 def sequences() -> dict[str, Sequence]:

@@ -16,9 +16,9 @@ from cagesdf.io.points import CHUNK
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import (
     BatchOrder,
+    Owners,
     cuboid_distance,
     latent_keys,
-    own_cuboids,
     rechunk,
     shape_weights,
     training_chunks,
@@ -27,9 +27,9 @@ from cagesdf.training.batches import (
 from cagesdf.training.losses import latent_penalty, shape_l1
 
 
-def select(steps_of="all", points_of="cage", reach=0.02, chunks=None):
+def select(steps_of="all", trains_on="cage", reach=0.02, chunks=None):
     chunks = spheres.chunks() if chunks is None else chunks
-    return training_chunks(chunks, spheres.sequences(), steps_of, points_of, reach, np.random.default_rng(0))
+    return training_chunks(chunks, spheres.sequences(), steps_of, trains_on, reach, np.random.default_rng(0))
 
 
 def test_distances_to_own_cuboids_are_those_of_the_cage() -> None:
@@ -44,7 +44,7 @@ def test_distances_to_own_cuboids_are_those_of_the_cage() -> None:
 
 def test_every_chunk_gets_the_cuboid_of_its_own_shape_step_and_part() -> None:
     chunks = spheres.chunks()
-    sizes = own_cuboids(chunks, spheres.sequences())[:, 12]
+    sizes = Owners.of(chunks, spheres.sequences()).cuboids()[:, 12]
     expected = [2 * spheres.RADII[chunks.shape_ids[a]][b] for a, b in zip(chunks.shape_id, chunks.step)]
     np.testing.assert_allclose(sizes, expected, rtol=1e-6)
 
@@ -53,9 +53,9 @@ def test_points_without_a_cage_are_refused_by_name() -> None:
     sequences = spheres.sequences()
     chunks = spheres.chunks()
     with pytest.raises(InputError, match=r"shape small, step 0.*no cage"):
-        own_cuboids(chunks, {"large": sequences["large"]})
+        Owners.of(chunks, {"large": sequences["large"]})
     with pytest.raises(InputError, match=r"shape large, step 0.*part limb"):
-        own_cuboids(replace(chunks, part_ids=("limb",)), sequences)
+        Owners.of(replace(chunks, part_ids=("limb",)), sequences)
 
 
 @given(reach=st.floats(0, 0.6), seed=st.integers(0, 100))
@@ -64,11 +64,11 @@ def test_a_cage_arm_keeps_points_within_reach_alone_and_loses_less_than_a_chunk_
     reach: float, seed: int
 ) -> None:
     chunks = spheres.chunks((20, 15, 9, 12), seed=seed)
-    cuboids = own_cuboids(chunks, spheres.sequences())
+    cuboids = Owners.of(chunks, spheres.sequences()).cuboids()
     within = cuboid_distance(chunks.xyz, cuboids) <= reach
     kept = rechunk(chunks, within, np.random.default_rng(seed))
     if len(kept):
-        assert cuboid_distance(kept.xyz, own_cuboids(kept, spheres.sequences())).max() <= reach
+        assert cuboid_distance(kept.xyz, Owners.of(kept, spheres.sequences()).cuboids()).max() <= reach
     pool = {tuple(row) for row in chunks.xyz[within].tolist()}
     rows = [tuple(row) for row in kept.xyz.reshape(-1, 3).tolist()]
     assert len(set(rows)) == len(rows)
@@ -84,8 +84,8 @@ def test_a_cage_arm_keeps_points_within_reach_alone_and_loses_less_than_a_chunk_
 
 
 def test_the_cube_arm_keeps_all_points_and_rest_keeps_the_source_shapes_alone() -> None:
-    assert len(select(points_of="cube")) == 18
-    rest = select(steps_of="rest", points_of="cube")
+    assert len(select(trains_on="cube")) == 18
+    rest = select(steps_of="rest", trains_on="cube")
     assert len(rest) == 9
     assert set(rest.step.tolist()) == {0}
 
@@ -103,7 +103,8 @@ def test_latents_are_one_a_source_or_one_a_deformed_shape_and_batches_name_their
     assert latent_keys(chunks, "deformed") == (("large", 0), ("large", 1), ("small", 0), ("small", 1))
     for latents in ("source", "deformed"):
         table = LatentTable.drawn(latent_keys(chunks, latents), 3, 1.0, seed=0)
-        rows = training_set(chunks, spheres.sequences(), table).latent.tolist()
+        groups = training_set(chunks, spheres.sequences(), table)
+        rows = groups.cages.latent[groups.shape].tolist()
         assert rows == [table.row(chunks.shape_ids[a], int(b)) for a, b in zip(chunks.shape_id, chunks.step)]
 
 
@@ -124,9 +125,9 @@ def test_weighted_batches_average_to_the_papers_objective() -> None:
             means.append(sum(errors) / len(errors))
     expected = sum(means) / len(means)
 
-    order = BatchOrder(len(chunks), 3, seed=0)
+    order = BatchOrder(groups.shape.numpy(), 3, 1, seed=0)
     batches = [order.at(step) for step in range(len(chunks) // 3)]
-    losses = [shape_l1(predicted[b], groups.sdf[b], groups.weight[b], 0.0).item() for b in batches]
+    losses = [shape_l1(predicted[b], groups.sdf[b], groups.weight[b], None).item() for b in batches]
     assert np.mean(losses) == pytest.approx(expected, rel=1e-5)
     assert latent_penalty(table.values).item() == pytest.approx(
         sum(float(value) ** 2 for row in table.values.detach() for value in row) / len(table), rel=1e-5
@@ -143,17 +144,18 @@ def test_weights_give_every_deformed_shape_the_same_say() -> None:
 def test_the_clamp_cuts_prediction_and_truth() -> None:
     weight = torch.ones(1)
     predicted, sdf = torch.tensor([[0.5, -0.05]]), torch.tensor([[0.2, 0.5]])
-    assert shape_l1(predicted, sdf, weight, 0.1).item() == pytest.approx((0 + 0.15) / 2)
-    assert shape_l1(predicted, sdf, weight, 0.0).item() == pytest.approx((0.3 + 0.55) / 2)
+    assert shape_l1(predicted, sdf, weight, torch.tensor([[0.1]])).item() == pytest.approx((0 + 0.15) / 2)
+    assert shape_l1(predicted, sdf, weight, None).item() == pytest.approx((0.3 + 0.55) / 2)
 
 
-@given(groups=st.integers(1, 20), batch=st.integers(1, 25), seed=st.integers(0, 5))
+@given(groups=st.integers(1, 20), batch=st.integers(1, 25), bundle=st.integers(1, 4), seed=st.integers(0, 5))
 def test_every_group_is_used_equally_often_and_the_order_depends_on_seed_and_step_alone(
-    groups: int, batch: int, seed: int
+    groups: int, batch: int, bundle: int, seed: int
 ) -> None:
-    order = BatchOrder(groups, batch, seed)
+    owner = np.random.default_rng(seed).integers(0, 3, groups)
+    order = BatchOrder(owner, batch, bundle, seed)
     drawn = [order.at(step) for step in range(groups)]
     assert all(len(item) == batch for item in drawn)
     assert Counter(torch.cat(drawn).tolist()) == dict.fromkeys(range(groups), batch)
     for step in (groups - 1, 0):
-        assert torch.equal(BatchOrder(groups, batch, seed).at(step), drawn[step])
+        assert torch.equal(BatchOrder(owner, batch, bundle, seed).at(step), drawn[step])

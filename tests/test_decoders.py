@@ -9,9 +9,22 @@ import torch
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
-from cagesdf.models.decoders import CUBOID, sine_features, to_unit
+from cagesdf.models.decoders import CUBOID, to_unit
+from cagesdf.models.sines import sine_features
 
-SIZES: dict[str, Any] = {"width": 16, "layers": 4, "latent_dim": 5, "mapping": (12, 12), "octaves": 2}
+SIZES: dict[str, Any] = {
+    "width": 16,
+    "layers": 4,
+    "latent_dim": 5,
+    "mapping": (12, 12),
+    "octaves": 2,
+    "code_dim": 5,
+    "cells": 4,
+    "channels": 3,
+    "context": 8,
+    "context_layers": 2,
+    "heads": 2,
+}
 
 
 @pytest.fixture(params=sorted(DECODERS))
@@ -20,14 +33,14 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 def groups(seed: int = 0) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Three groups of seven points with proper cuboids."""
+    """Three groups of seven points with codes and proper cuboids."""
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3, 3)))[0]
     axes[:, 0] *= np.linalg.det(axes)[:, None]
     cage = Cage(("a", "b", "c"), rng.uniform(-0.3, 0.3, (3, 3)), axes, rng.uniform(0.2, 0.9, (3, 3)))
     tensors = rng.uniform(-1, 1, (3, 7, 3)), rng.normal(size=(3, 5)), cage.vectors()
-    points, latent, cuboid = (torch.tensor(array, dtype=torch.float32) for array in tensors)
-    return points, latent, cuboid
+    points, code, cuboid = (torch.tensor(array, dtype=torch.float32) for array in tensors)
+    return points, code, cuboid
 
 
 def test_every_decoder_takes_the_same_call_and_answers_one_number_a_point(name: str) -> None:
@@ -36,26 +49,26 @@ def test_every_decoder_takes_the_same_call_and_answers_one_number_a_point(name: 
     assert torch.isfinite(answer).all()
 
 
-def test_the_latent_matters_to_every_decoder(name: str) -> None:
+def test_the_code_matters_to_every_decoder(name: str) -> None:
     decoder = make_decoder(name, **SIZES, seed=0)
-    points, latent, cuboid = groups()
-    assert (decoder(points, latent, cuboid) - decoder(points, latent + 1, cuboid)).abs().min() > 1e-6
+    points, code, cuboid = groups()
+    assert (decoder(points, code, cuboid) - decoder(points, code + 1, cuboid)).abs().min() > 1e-6
 
 
 def test_the_cuboid_matters_to_cage_decoders_and_never_to_the_baseline(name: str) -> None:
     decoder = make_decoder(name, **SIZES, seed=0)
-    points, latent, cuboid = groups()
-    change = (decoder(points, latent, cuboid) - decoder(points, latent, cuboid * 1.5)).abs()
+    points, code, cuboid = groups()
+    change = (decoder(points, code, cuboid) - decoder(points, code, cuboid * 1.5)).abs()
     assert change.max() == 0 if name == "DeepSdfDecoder" else change.min() > 1e-6
 
 
 def test_conditions_computed_once_a_group_equal_those_computed_for_every_point(name: str) -> None:
     decoder = make_decoder(name, **SIZES, seed=0)
-    points, latent, cuboid = groups()
+    points, code, cuboid = groups()
     alone = [
-        decoder(points[g : g + 1, n : n + 1], latent[g : g + 1], cuboid[g : g + 1]) for g in range(3) for n in range(7)
+        decoder(points[g : g + 1, n : n + 1], code[g : g + 1], cuboid[g : g + 1]) for g in range(3) for n in range(7)
     ]
-    torch.testing.assert_close(decoder(points, latent, cuboid), torch.cat(alone).reshape(3, 7))
+    torch.testing.assert_close(decoder(points, code, cuboid), torch.cat(alone).reshape(3, 7))
 
 
 def test_the_same_seed_gives_the_same_weights_and_leaves_the_global_generator_alone(name: str) -> None:
@@ -67,7 +80,7 @@ def test_the_same_seed_gives_the_same_weights_and_leaves_the_global_generator_al
 
 
 def test_an_unknown_decoder_is_refused_with_the_names_of_those_there_are() -> None:
-    with pytest.raises(InputError, match=r"'Mlp'.*LocalCageDecoder"):
+    with pytest.raises(InputError, match=r"'Mlp'.*TriplaneDecoder"):
         make_decoder("Mlp", **SIZES, seed=0)
 
 

@@ -72,26 +72,42 @@ def test_without_gradients_the_values_are_the_same_bits() -> None:
 
 def obvious(decoder: Decoder, monkeypatch: pytest.MonkeyPatch, given: tuple[Tensor, ...]) -> Tensor:
     with monkeypatch.context() as patch:
-        for module in ("film", "decoders"):
+        for module in ("film", "decoders", "triplane"):
             patch.setattr(f"cagesdf.models.{module}.modulated", plain)
         return decoder(*given)
+
+
+def codes(decoder: Decoder, latent: Tensor, cuboid: Tensor) -> Tensor:
+    """The codes of cages of one part each."""
+    return decoder.codes(latent, cuboid[:, None], torch.ones(len(latent), 1, dtype=torch.bool))[:, 0]
 
 
 @pytest.mark.parametrize("name", sorted(DECODERS))
 def test_in_bfloat16_a_decoder_gives_what_float32_gives_within_rounding(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    decoder = make_decoder(name, width=64, layers=6, latent_dim=8, mapping=(32,), octaves=2, seed=0)
-    generator = torch.Generator().manual_seed(1)
-    given = (
-        torch.rand((4, 64, 3), generator=generator) - 0.5,
-        torch.randn((4, 8), generator=generator),
-        torch.cat([torch.zeros(4, 3), torch.eye(3).flatten().expand(4, 9), torch.ones(4, 3)], dim=1),
+    decoder = make_decoder(
+        name,
+        width=64,
+        layers=6,
+        latent_dim=8,
+        mapping=(32,),
+        octaves=2,
+        code_dim=8,
+        cells=4,
+        channels=4,
+        context=16,
+        context_layers=1,
+        heads=2,
+        seed=0,
     )
-    exact = obvious(decoder, monkeypatch, given)
+    generator = torch.Generator().manual_seed(1)
+    points = torch.rand((4, 64, 3), generator=generator) - 0.5
+    latent = torch.randn((4, 8), generator=generator)
+    cuboid = torch.cat([torch.zeros(4, 3), torch.eye(3).flatten().expand(4, 9), torch.ones(4, 3)], dim=1)
+    exact = obvious(decoder, monkeypatch, (points, codes(decoder, latent, cuboid), cuboid))
     expected = torch.autograd.grad(exact.abs().sum(), list(decoder.parameters()))
-    points, latent, cuboid = given
-    condition = decoder.condition(latent, cuboid)
+    condition = decoder.condition(codes(decoder, latent, cuboid), cuboid)
     rounded = decoder.at(decoder.features(points, cuboid), condition, torch.bfloat16)
     assert rounded.dtype == torch.float32
     assert (rounded - exact).abs().max() < 2**-6 * exact.abs().max()

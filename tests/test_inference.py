@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import spheres
 import torch
+from cagesdf.models.shifted import ShiftedDecoder, film_size
 from torch import nn
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
-from cagesdf.models.shifted import ShiftedDecoder, film_size
 from cagesdf.training.batches import Batch, training_set
 from cagesdf.training.inference import InferenceSettings, Inferred, infer, mean_error, with_code, with_film
 

@@ -41,7 +41,7 @@ def training(
     folder: Path,
     settings: TrainSettings = SETTINGS,
     stop: int | None = None,
-    decoder: str = "LocalCageDecoder",
+    decoder: str = "TriplaneDecoder",
     batch: int = 4,
     seed: int = 0,
     ranks: Ranks = ALONE,
@@ -49,8 +49,8 @@ def training(
     """Train on the spheres; weights and latents, the log, and the steps reported."""
     chunks = spheres.chunks((30, 30, 30, 30))
     table = LatentTable.drawn(latent_keys(chunks, "source"), 4, 0.1, seed=0)
-    network = make_decoder(decoder, width=24, layers=3, latent_dim=4, mapping=(16,), octaves=1, seed=0)
-    batches = MemoryBatches(training_set(chunks, spheres.sequences(), table), batch, seed)
+    network = make_decoder(decoder, **spheres.SIZES, seed=0)
+    batches = MemoryBatches(training_set(chunks, spheres.sequences(), table), batch, 2, seed)
     reported: list[int] = []
 
     def report(step: int, loss: float) -> None:

@@ -11,7 +11,7 @@ from cagesdf.io.points import CHUNK, PointChunks, write_shard
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.training import residuals
-from cagesdf.training.batches import cuboid_distance, own_cuboids
+from cagesdf.training.batches import Owners, cuboid_distance
 from cagesdf.training.residuals import rest_residuals
 
 DECODER = make_decoder("LocalCageDecoder", 8, 3, 4, [8], 1, seed=0)
@@ -31,7 +31,7 @@ def slow(pieces: list[PointChunks], shape_id: str, reach: float) -> float:
     """The mean over all points of a shape at rest that are within reach of their cuboid, one at a time."""
     errors = []
     for piece in pieces:
-        cuboids = own_cuboids(piece, spheres.sequences())
+        cuboids = Owners.of(piece, spheres.sequences()).cuboids()
         near = cuboid_distance(piece.xyz, cuboids) <= reach
         for chunk in range(len(piece)):
             if piece.shape_ids[piece.shape_id[chunk]] != shape_id or piece.step[chunk]:

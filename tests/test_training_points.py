@@ -1,6 +1,7 @@
 """Streamed points: the objective of those in memory, every point as often, the same bits after an interruption."""
 
 from collections import Counter
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -31,21 +32,26 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 def folder(tmp_path: Path) -> Path:
     for shard in range(2):
         pieces = [spheres.chunks(COUNTS, seed=shard)]
-        write_shard(tmp_path / f"shard-{shard:04d}.parquet", pieces, np.random.default_rng(shard))
+        write_shard(tmp_path / f"shape-{shard:04d}.parquet", pieces, np.random.default_rng(shard))
     return tmp_path
 
 
-def streamed(folder: Path, steps_of="all", points_of="cube", reach=0.02) -> StreamedPoints:
-    return StreamedPoints(folder, spheres.sequences(), steps_of, points_of, reach)
+def streamed(folder: Path, steps_of="all", trains_on="cube", reach=0.02) -> StreamedPoints:
+    return StreamedPoints(folder, spheres.sequences(), steps_of, trains_on, reach)
 
 
-def loaded(folder: Path, steps_of="all", points_of="cube", reach=0.02) -> LoadedPoints:
+def loaded(folder: Path, steps_of="all", trains_on="cube", reach=0.02) -> LoadedPoints:
     rng = np.random.default_rng(0)
-    return LoadedPoints(folder, spheres.sequences(), steps_of, points_of, reach, rng)
+    return LoadedPoints(folder, spheres.sequences(), steps_of, trains_on, reach, rng)
 
 
 def table(data, latents="deformed") -> LatentTable:
     return LatentTable.drawn(data.latent_keys(latents), 3, 1.0, seed=0)
+
+
+def latent(batch: Batch) -> torch.Tensor:
+    """The row of each group's latent."""
+    return batch.cages.latent[batch.shape]
 
 
 def rows(batch: Batch) -> list[tuple]:
@@ -58,11 +64,11 @@ def test_an_epoch_of_whole_chunks_is_that_in_memory_in_another_order(folder: Pat
     assert (stream.sampled, stream.used) == (memory.sampled, memory.used)
     latents = table(stream)
     chunks = stream.used // CHUNK
-    one = stream.batches(latents, chunks, 0).at(0)
-    other = memory.batches(latents, chunks, 0).at(0)
-    for field in ("latent", "weight", "cuboid"):
+    one = stream.batches(latents, chunks, 1, 0).at(0)
+    other = memory.batches(latents, chunks, 1, 0).at(0)
+    for field in (latent, attrgetter("weight"), attrgetter("cuboid")):
         # Groups by their first point, in order.
-        pairs = [sorted(zip(rows(batch), getattr(batch, field).tolist())) for batch in (one, other)]
+        pairs = [sorted(zip(rows(batch), field(batch).tolist())) for batch in (one, other)]
         assert [points for points, _ in pairs[0]] == [points for points, _ in pairs[1]]
         np.testing.assert_allclose([x for _, x in pairs[0]], [x for _, x in pairs[1]], rtol=1e-6)
     torch.testing.assert_close(one.points.norm(dim=2) - one.cuboid[:, 12:13] / 2, one.sdf, rtol=0, atol=1e-6)
@@ -72,7 +78,7 @@ def test_an_epoch_of_whole_chunks_is_that_in_memory_in_another_order(folder: Pat
 @pytest.mark.parametrize(("batch", "steps"), [(100, 28), (140, 40), (1500, 4), (6000, 1)])
 def test_every_group_is_used_equally_often_give_or_take_one(folder: Path, batch: int, steps: int) -> None:
     stream = streamed(folder)
-    batches = stream.batches(table(stream), batch, 3)
+    batches = stream.batches(table(stream), batch, 1, 3)
     drawn = [batches.at(step) for step in range(steps)]
     assert all(len(item.weight) == batch for item in drawn)
     seen = Counter(point for item in drawn for point in map(tuple, item.points.amax(dim=1).tolist()))
@@ -81,20 +87,21 @@ def test_every_group_is_used_equally_often_give_or_take_one(folder: Path, batch:
 
 
 def test_batches_depend_on_seed_and_step_alone(folder: Path) -> None:
-    stream = streamed(folder, points_of="cage")
+    stream = streamed(folder, trains_on="cage")
     latents = table(stream)
-    forward = stream.batches(latents, 200, 5)
+    forward = stream.batches(latents, 200, 4, 5)
     expected = {step: forward.at(step) for step in range(20)}
     for step in (19, 0, 7):
-        again = streamed(folder, points_of="cage").batches(latents, 200, 5).at(step)
-        for field in Batch.__dataclass_fields__:
+        again = streamed(folder, trains_on="cage").batches(latents, 200, 4, 5).at(step)
+        for field in ("points", "sdf", "weight", "cuboid", "part"):
             assert torch.equal(getattr(again, field), getattr(expected[step], field))
-    assert not torch.equal(stream.batches(latents, 200, 6).at(0).points, expected[0].points)
+        assert torch.equal(latent(again), latent(expected[step]))
+    assert not torch.equal(stream.batches(latents, 200, 4, 6).at(0).points, expected[0].points)
 
 
 def test_where_a_chunk_is_used_in_part_the_objective_is_still_that_of_all_kept_points(folder: Path) -> None:
     """§3.5 spelt out over the points within reach, against the mean over an epoch of an error that differs by point."""
-    stream = streamed(folder, points_of="cage", reach=0.05)
+    stream = streamed(folder, trains_on="cage", reach=0.05)
     chunks = join_chunks(spheres.chunks(COUNTS, seed=shard) for shard in range(2))
     means = []
     for shape in (0, 1):
@@ -104,7 +111,7 @@ def test_where_a_chunk_is_used_in_part_the_objective_is_still_that_of_all_kept_p
             beyond = np.maximum(np.abs(chunks.xyz[own].reshape(-1, 3)) - half, 0)
             within = np.linalg.norm(beyond, axis=1) <= 0.05
             means.append(np.abs(chunks.sdf[own].reshape(-1)[within]).mean())
-    batches = stream.batches(table(stream), sum(stream.chunks), 0)
+    batches = stream.batches(table(stream), sum(stream.chunks), 1, 0)
     estimates = []
     for epoch in range(6):
         batch = batches.at(epoch)
@@ -113,12 +120,12 @@ def test_where_a_chunk_is_used_in_part_the_objective_is_still_that_of_all_kept_p
 
 
 def test_a_selection_keeps_the_points_it_says(folder: Path) -> None:
-    stream = streamed(folder, steps_of="rest", points_of="cage", reach=0.1)
-    memory = loaded(folder, steps_of="rest", points_of="cage", reach=0.1)
+    stream = streamed(folder, steps_of="rest", trains_on="cage", reach=0.1)
+    memory = loaded(folder, steps_of="rest", trains_on="cage", reach=0.1)
     assert 0 <= stream.used - memory.used < 2 * CHUNK
     assert stream.latent_keys("deformed") == memory.latent_keys("deformed") == (("large", 0), ("small", 0))
     assert stream.latent_keys("source") == memory.latent_keys("source")
-    batch = stream.batches(table(stream), 300, 0).at(0)
+    batch = stream.batches(table(stream), 300, 1, 0).at(0)
     beyond = (batch.points.abs() - batch.cuboid[:, None, 12:] / 2).clamp(min=0).norm(dim=2)
     assert beyond.max() <= 0.1 + 1e-6
 
@@ -142,14 +149,14 @@ def test_what_doesnt_fit_into_memory_is_streamed(folder: Path) -> None:
 
 
 def test_a_selection_that_leaves_nothing_of_a_shape_is_refused_by_its_name(tmp_path: Path) -> None:
-    write_shard(tmp_path / "shard-0000.parquet", [spheres.chunks((0, 9, 5, 5))], np.random.default_rng(0))
+    write_shard(tmp_path / "shape-0000.parquet", [spheres.chunks((0, 9, 5, 5))], np.random.default_rng(0))
     with pytest.raises(InputError, match=r"points to train on of shape\(s\) large with steps_of rest"):
         streamed(tmp_path, steps_of="rest")
 
 
 def test_a_damaged_shard_is_said_by_the_step_that_needs_it(folder: Path) -> None:
     stream = streamed(folder)
-    batches = stream.batches(table(stream), 100, 0)
+    batches = stream.batches(table(stream), 100, 1, 0)
     for shard in folder.glob("*.parquet"):
         shard.write_bytes(b"not points")
     with pytest.raises(InputError, match="not a readable Parquet file"):

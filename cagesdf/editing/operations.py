@@ -75,7 +75,9 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
 
 
 def _after(
-    state: State, operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Harmonise, styles: Styles
+    state: State,
+    operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Harmonise,
+    styles: Styles,
 ) -> State:
     match operation:
         case Move() | Resize() | Rotate():

@@ -14,7 +14,7 @@ from torch import Tensor
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.errors import InputError
 from cagesdf.io.points import CHUNK, PointChunks, PointsOf
-from cagesdf.models.decoders import CUBOID, TrainsOn
+from cagesdf.models.decoders import TrainsOn
 from cagesdf.models.latents import SHARED, LatentTable
 
 
@@ -68,11 +68,11 @@ class Batch:
 
     def take(self, groups: Int[Tensor, " k"]) -> "Batch":
         """The groups at these positions."""
-        return Batch(*(getattr(self, name)[groups] for name in _BY_GROUP), self.cages)
+        return replace(self, **{name: getattr(self, name)[groups] for name in _BY_GROUP})
 
     def run(self, groups: slice) -> "Batch":
         """A run of the groups; no copy."""
-        return Batch(*(getattr(self, name)[groups] for name in _BY_GROUP), self.cages)
+        return replace(self, **{name: getattr(self, name)[groups] for name in _BY_GROUP})
 
     def to(self, device: torch.device | str) -> "Batch":
         """The same batch on another device, with the cages that its groups have."""
@@ -87,7 +87,10 @@ class Batch:
         """The groups of batches that have the same cages."""
         if len(batches) == 1:
             return batches[0]
-        return Batch(*(torch.cat([getattr(batch, name) for batch in batches]) for name in _BY_GROUP), batches[0].cages)
+        points, sdf, weight, shape, part = (
+            torch.cat([getattr(batch, name) for batch in batches]) for name in _BY_GROUP
+        )
+        return Batch(points, sdf, weight, shape, part, batches[0].cages)
 
 
 _BY_GROUP = ("points", "sdf", "weight", "shape", "part")
