@@ -23,7 +23,7 @@ import torch
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
-from cagesdf.extraction import LEAST, METHODS, PREVIEW_LEAST, CageField, LiveSurface, extract, field_of, marching
+from cagesdf.extraction import METHODS, PREVIEW, USUAL, CageField, Fineness, LiveSurface, extract, field_of, marching
 from cagesdf.extraction.marching import part_of
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.runs import Run, read_run
@@ -90,25 +90,24 @@ def fineness(runs: list[Path], shapes: int) -> None:
     faces do."""
     row("run", "cells, least", "drawn, fewer", "normals", "distance (1e-4)", "faces a part", "ms a part")
     row(*["---"] * 7)
-    usual = marching.FARTHEST, marching.EVEN
+    usual = marching.FARTHEST
     for path in runs:
         run = read_run(path)
         fields = [rest_field(run, shape_id) for shape_id in drawn(run, shapes)]
         items = [(field, k) for field in fields for k in range(0, len(field.cage), 3)]
-        marching.EVEN = 0.0
-        finest = [part_of(field, k, cell_of(512), 48, METHODS["sparse"]).mesh for field, k in items]
-        for resolution, least in ((64, PREVIEW_LEAST), (128, LEAST), (256, LEAST)):
-            for farthest, even in ((0.0, 0.0), (usual[0], 0.0), usual, (usual[0], 4 * usual[1])):
-                marching.FARTHEST, marching.EVEN = farthest, even
+        finest = [part_of(field, k, cell_of(512), Fineness(48, 0.0), METHODS["sparse"]).mesh for field, k in items]
+        for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
+            for farthest, even in ((0.0, 0.0), (usual, 0.0), (usual, 0.05), (usual, 0.2)):
+                marching.FARTHEST, each = farthest, Fineness(fineness.least, even)
                 start = time.process_time()
-                parts = [part_of(*item, cell_of(resolution), least, METHODS["sparse"]) for item in items]
+                parts = [part_of(*item, cell_of(resolution), each, METHODS["sparse"]) for item in items]
                 seconds = time.process_time() - start
                 pairs = [(p.mesh, truth) for p, truth in zip(parts, finest) if len(truth.faces) and len(p.mesh.faces)]
                 normals, distance = np.mean([agreement(*pair) for pair in pairs], axis=0)
                 faces = np.mean([len(part.mesh.faces) for part in parts])
-                row(path.parent.name, f"{resolution}, {least}", f"{farthest:g}, {even:g}", f"{normals:.4f}",
+                row(path.parent.name, f"{resolution}, {each.least}", f"{farthest:g}, {even:g}", f"{normals:.4f}",
                     f"{1e4 * distance:.2f}", f"{faces:,.0f}", f"{1000 * seconds / len(items):.0f}")  # fmt: skip
-        marching.FARTHEST, marching.EVEN = usual
+        marching.FARTHEST = usual
 
 
 def cell_of(resolution: int) -> float:
@@ -128,17 +127,19 @@ def agreement(one: Mesh, other: Mesh) -> np.ndarray:
 
 
 def latency(runs: list[Path], edits: int) -> None:
-    row("run", "cells, least", "edits", "p50 ms", "p95 ms", "largest ms", "the first surface ms", "asked (median)")
+    row(
+        "run", "cells, least, even", "edits", "p50 ms", "p95 ms", "largest ms", "the first surface ms", "asked (median)"
+    )
     row(*["---"] * 8)
     for path in runs:
         run = read_run(path)
-        for resolution, least in ((64, PREVIEW_LEAST), (128, LEAST), (256, LEAST)):
+        for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
             rng = np.random.default_rng(0)
             seconds, first, asked = [], [], []
             ids = drawn(run, 10)
             for shape_id in ids:
                 field = rest_field(run, shape_id)
-                live = LiveSurface(resolution, least=least)
+                live = LiveSurface(resolution, fineness=fineness)
                 first.append(timed(live.surface, field, clock=time.perf_counter)[0])
                 cage = field.cage
                 for _ in range(edits // len(ids)):
@@ -149,7 +150,7 @@ def latency(runs: list[Path], edits: int) -> None:
                     seconds.append(spent)
                     asked.append(found.asked)
             p50, p95 = np.percentile(seconds, [50, 95])
-            row(path.parent.name, f"{resolution}, {least}", len(seconds),
+            row(path.parent.name, f"{resolution}, {fineness.least}, {fineness.even:g}", len(seconds),
                 *(f"{1000 * t:.0f}" for t in (p50, p95, max(seconds), np.median(first))),
                 f"{np.median(asked):,.0f}")  # fmt: skip
 

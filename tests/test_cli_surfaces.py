@@ -208,12 +208,15 @@ def test_a_shape_far_from_the_origin_is_written_exactly_or_refused(
             assert not out.exists()
             return
         told = json.loads(command(*words))
-        solid = trimesh.load_scene(out, split_objects=True, group_material=False).to_mesh()
+        scene = trimesh.load_scene(out, split_objects=True, group_material=False)
+        for mesh in scene.geometry.values():
+            mesh.merge_vertices()
+            assert mesh.is_watertight
+        solid = scene.to_mesh()
         solid.apply_translation(-middle)
-        solid.merge_vertices()
-        assert solid.is_watertight
-        assert told["volume"] == pytest.approx(solid.volume, rel=1e-5)
-        assert told["faces"] == len(solid.faces)
+        if ending in (".ply", ".stl"):
+            assert told["volume"] == pytest.approx(solid.volume, rel=1e-5)
+            assert told["faces"] == len(solid.faces)
         solids.append(solid)
     near, far = solids
     assert far.volume == pytest.approx(near.volume, rel=1e-5)

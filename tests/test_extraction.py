@@ -20,6 +20,7 @@ from cagesdf.extraction import (
     METHODS,
     SYMMETRIES,
     CageField,
+    Fineness,
     LiveSurface,
     Part,
     extract,
@@ -333,7 +334,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     """Of each part, before and after its faces are made fewer, and of all; `extract` checks only the last."""
     cage = random_cage(seed, 3)
     decoder = waves(seed, 100 * scale) if smooth else noise(scale)
-    found = extract(field_of(decoder, LATENT, cage), 20, least=6)
+    found = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.05))
     for part_id, mesh in found.parts.items():
         if len(mesh.faces):
             assert_sound(mesh)

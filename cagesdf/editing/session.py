@@ -13,7 +13,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
-from cagesdf.extraction import LEAST, LOOSE, METHODS, SYMMETRIES, Each, Extraction, LiveSurface, field_of
+from cagesdf.extraction import LOOSE, METHODS, SYMMETRIES, USUAL, Each, Extraction, Fineness, LiveSurface, field_of
 from cagesdf.frames import Similarity
 from cagesdf.io.exports import Model
 from cagesdf.io.runs import Run
@@ -64,13 +64,15 @@ class Session:
         loose: str = "keep",
         symmetry: str = "none",
         each: Each = map,
-        least: int = LEAST,
+        fineness: Fineness = USUAL,
     ) -> "Live":
         """What gives the surfaces of one state after another; the choices are extraction's, by name.
 
         With `each` a pool's `map`, cuboids are asked side by side.
         """
-        return Live(LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, least), self.run)
+        return Live(
+            LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, fineness), self.run
+        )
 
 
 class Live:

@@ -9,14 +9,11 @@ from manifold3d import Manifold, OpType
 from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
-from cagesdf.extraction.marching import NOTHING, Part, part_of
+from cagesdf.extraction.marching import NOTHING, USUAL, Fineness, Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
 from cagesdf.solid import from_manifold
-
-LEAST = 16  # cells along each axis of a cuboid, however thin
-PREVIEW_LEAST = 12  # the same where a surface is to be there at once
 
 Loose = Callable[[Mesh], Mesh]  # from a mesh to what of it is kept; one of LOOSE
 Symmetry = Callable[[Mesh, Meshes, Cage], tuple[Mesh, Meshes]]  # one of SYMMETRIES
@@ -49,17 +46,17 @@ def extract(
     loose: Loose = keep_loose,
     symmetry: Symmetry = symmetric_none,
     each: Each = map,
-    least: int = LEAST,
+    fineness: Fineness = USUAL,
 ) -> Extraction:
     """The zero surface of a field (§3.6): cuboid by cuboid, each cut by its faces, and united exactly; canonical frame.
 
     Cells are at most as long as `resolution` of them along [-HALF_EXTENT, HALF_EXTENT], and each cuboid has at least
-    `least` along each of its axes. `each` goes through the cuboids that are asked, in as many threads as the
+    `fineness.least` along each of its axes. `each` goes through the cuboids that are asked, in as many threads as the
     caller wants; the surface is the same. Raises InputError if the network gives values that are not
     finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is promised (see
     `check`).
     """
-    return LiveSurface(resolution, method, loose, symmetry, each, least).surface(field)
+    return LiveSurface(resolution, method, loose, symmetry, each, fineness).surface(field)
 
 
 def extract_surface(field: CageField, resolution: int) -> Mesh:
@@ -81,7 +78,7 @@ class LiveSurface:
         loose: Loose = keep_loose,
         symmetry: Symmetry = symmetric_none,
         each: Each = map,
-        least: int = LEAST,
+        fineness: Fineness = USUAL,
     ) -> None:
         """As for `extract`."""
         self.cell = 2 * HALF_EXTENT / resolution
@@ -89,7 +86,7 @@ class LiveSurface:
         self.loose = loose
         self.symmetry = symmetry
         self.each = each
-        self.least = least
+        self.fineness = fineness
         self._last: dict[bytes, Part] = {}
         self._before: dict[bytes, Part] = {}
 
@@ -101,7 +98,7 @@ class LiveSurface:
         keys = field.keys()
         known = self._before | self._last
         unknown = {key: k for k, key in enumerate(keys) if key not in known}
-        found = self.each(lambda k: part_of(field, k, self.cell, self.least, self.method), unknown.values())
+        found = self.each(lambda k: part_of(field, k, self.cell, self.fineness, self.method), unknown.values())
         new = dict(zip(unknown, found))
         parts = [(known | new)[key] for key in keys]
         self._before, self._last = self._last, dict(zip(keys, parts))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
-from cagesdf.extraction import PREVIEW_LEAST, Extraction, Part
+from cagesdf.extraction import PREVIEW, Extraction, Part
 from cagesdf.viewing.refusals import saying
 
 COARSE = 64  # cells
@@ -46,7 +46,7 @@ class Worker:
         network, and may be shared."""
         self._pool = pool
         self._show, self._fail = show, fail
-        self._coarse = session.live(COARSE, each=pool.map, least=PREVIEW_LEAST)
+        self._coarse = session.live(COARSE, each=pool.map, fineness=PREVIEW)
         self._fine = session.live(FINE, each=self._unless_overtaken)
         self._changed = threading.Condition()
         self._wanted: State | None = None
