@@ -117,7 +117,7 @@ def test_any_number_of_vertices_in_one_place_are_one_and_too_many_near_ones_are_
 def test_topology_counts_closed_surfaces_and_their_handles() -> None:
     sphere, ring = trimesh.creation.icosphere(1), trimesh.creation.torus(1.0, 0.3)
     one, two = (Mesh(np.array(solid.vertices), np.array(solid.faces, np.int32)) for solid in (sphere, ring))
-    away = two.with_vertices(two.vertices + [4.0, 0, 0])
+    away = two.with_vertices(two.vertices + np.array([4.0, 0, 0]))
     assert topology(one) == (1, 0)
     assert topology(two) == (1, 1)
     assert topology(join([one, two, away])) == (3, 2)
