@@ -2,50 +2,42 @@
 
     OMP_NUM_THREADS=1 python benchmarks/extraction.py methods [--shapes 8]
     OMP_NUM_THREADS=1 python benchmarks/extraction.py memory chair 0
-    OMP_NUM_THREADS=1 python benchmarks/extraction.py overlaps [--shapes 8]
+    OMP_NUM_THREADS=1 python benchmarks/extraction.py fineness [--shapes 4]
     OMP_NUM_THREADS=1 python benchmarks/extraction.py latency [--edits 200]
 
-reads the default run's data/runs and data/shapes. Seconds are of one thread's processor time. `methods` compares all
-shapes at 128 cells and `--shapes` of each category, evenly drawn, at 256, in five minutes; `latency` edits cuboids
-alone, editing.py everything.
+reads the run of the arm `--arm`, cagesdf if it isn't given, in `--runs`, data/runs if it isn't. Seconds are of one
+thread's processor time; in `latency`, which edits cuboids alone, they pass on the clock, and manifold3d takes the
+threads that it finds.
 """
 
 import argparse
 import resource
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
-from skimage.measure import marching_cubes
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
-from cagesdf.evaluation.reconstruction import Measured, Truth, score
-from cagesdf.extraction import FIELDS, METHODS, OUTSIDES, OVERLAPS, CageField, LiveSurface, extract
-from cagesdf.extraction.joining import Joined, Part, part_of
-from cagesdf.extraction.surface import march
+from cagesdf.extraction import METHODS, PREVIEW, USUAL, CageField, Fineness, LiveSurface, extract, field_of, marching
+from cagesdf.extraction.marching import part_of
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.runs import Run, read_run
-from cagesdf.io.shapes import read_shapes
-from cagesdf.meshes import Mesh, sample_surface
+from cagesdf.meshes import Mesh, face_normals, sample_surface
 from cagesdf.training.precision import processor
 
 CATEGORIES = ("chair", "table", "vase")
-RUNS, SHAPES = Path("data/runs"), Path("data/shapes")
-WHOLE = 2**19  # points of the whole grid that are asked; its time is scaled from them
-NEAR = 1e-3  # canonical units: surface this near to two cuboids lies where they overlap
+SAMPLES = 20_000  # points on a surface
 
 
-def timed(work: Callable[..., Any], *given: Any) -> tuple[float, Any]:
-    start = time.process_time()
+def timed(work: Callable[..., Any], *given: Any, clock: Callable[[], float] = time.process_time) -> tuple[float, Any]:
+    start = clock()
     result = work(*given)
-    return time.process_time() - start, result
+    return clock() - start, result
 
 
 def drawn(run: Run, count: int) -> list[str]:
@@ -57,156 +49,110 @@ def row(*cells: object) -> None:
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def field_of(run: Run, shape_id: str, step: int = 0, overlap: str = "blend") -> CageField:
-    cage = run.sequences[shape_id].cages[step]
-    return CageField(run.decoder, run.latent(shape_id, step), cage, OUTSIDES["union"], OVERLAPS[overlap])
+def rest_field(run: Run, shape_id: str) -> CageField:
+    return field_of(run.decoder, run.latent(shape_id, 0), run.sequences[shape_id].cages[0])
 
 
-def apart(a: Mesh, b: Mesh) -> float:
-    """The largest distance from a vertex of one mesh to the nearest of the other, both ways."""
-    return max(float(np.max(cKDTree(q.vertices).query(p.vertices)[0])) for p, q in ((a, b), (b, a)))
-
-
-def whole_grid(field: CageField, resolution: int) -> float:
-    """Seconds to ask the network at every point of the grid (of WHOLE, scaled), and for marching cubes of all of it."""
-    axis = np.linspace(-HALF_EXTENT, HALF_EXTENT, resolution + 1)
-    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    some = points[:: max(1, len(points) // WHOLE)]
-    asking, _ = timed(field.ask, some, 0)
-    ball = (np.linalg.norm(points, axis=1) - 0.5).reshape((resolution + 1,) * 3).astype(np.float32)
-    marching, _ = timed(marching_cubes, ball, 0.0)
-    return asking * len(points) / len(some) + marching
-
-
-def methods(shapes: int) -> None:
-    row("category", "cells", "shapes", "equal", "in cuboids", "dense", "sparse", "sparse ÷ in cuboids", "dense s",
-        "sparse s", "dense ÷ sparse", "whole grid ÷ sparse", "vertices apart", "overshoot before", "after")  # fmt: skip
-    row(*["---"] * 15)
-    for resolution, sample in ((128, None), (256, shapes)):
-        means = []
-        for category in CATEGORIES:
-            run = read_run(RUNS / category / "cagesdf")
-            ids = drawn(run, sample or len(run.sequences))
-            whole = whole_grid(field_of(run, ids[0]), resolution)
-            figures = np.array([compared(field_of(run, shape_id), resolution) for shape_id in ids])
-            covered, many, few, slow, fast = figures[:, :5].mean(axis=0)
-            far, before, after = figures[:, 6:].max(axis=0)
-            row(category, resolution, len(ids), int(figures[:, 5].sum()), *counts(covered, many, few, slow, fast),
-                f"{whole / fast:.0f}", f"{far:.1g}", f"{before:.2f}", f"{after:.1g}")  # fmt: skip
-            means.append((covered, many, few, slow, fast))
-        row("all", resolution, "", "", *counts(*np.mean(means, axis=0)), "", "", "", "")
-
-
-def counts(covered: float, many: float, few: float, slow: float, fast: float) -> list[str]:
-    points = [f"{count:,.0f}" for count in (covered, many, few)]
-    return [*points, f"{few / covered:.2f}", f"{slow:.2f}", f"{fast:.2f}", f"{slow / fast:.1f}"]
+def methods(runs: list[Path], shapes: int) -> None:
+    row("run", "cells", "shapes, equal", "on lattices", "asked", "share", "dense s", "sparse s", "faces", "clipped",
+        "largest overshoot")  # fmt: skip
+    row(*["---"] * 11)
+    for path in runs:
+        run = read_run(path)
+        for resolution in (128, 256):
+            ids = drawn(run, shapes)
+            figures = np.array([compared(rest_field(run, shape_id), resolution) for shape_id in ids])
+            points, asked, slow, fast, faces, clipped = figures[:, :6].mean(axis=0)
+            row(path.parent.name, resolution, f"{len(ids)}, {int(figures[:, 6].sum())}", f"{points:,.0f}",
+                f"{asked:,.0f}", f"{asked / points:.2f}", f"{slow:.2f}", f"{fast:.2f}", f"{faces:,.0f}",
+                f"{clipped:.3f}", f"{figures[:, 7].max():.1g}")  # fmt: skip
 
 
 def compared(field: CageField, resolution: int) -> tuple[float, ...]:
-    """Of one shape: lattice points in cuboids, points asked densely and sparsely, seconds of both; whether the surfaces
-    are equal bit for bit, and else how far apart; cells by which marching cubes alone leaves the cage, and the result.
-    """
-    slow, dense = timed(extract, field, resolution, METHODS["dense"])
-    parts: list[Part] = []
-    fast, sparse = timed(partial(extract, field, resolution, each=lambda ask, cuboids: noted(map(ask, cuboids), parts)))
-    one, other = dense.mesh, sparse.mesh
-    equal = np.array_equal(one.vertices, other.vertices) and np.array_equal(one.faces, other.faces)
-    cell = 2 * HALF_EXTENT / resolution
-    covered = int(Joined(field, parts, cell).covered.sum())  # the parts know all that is asked: no network here
-    before = float(field.cage.assign(march(field, parts, cell).mesh.vertices)[1].max()) / cell
-    return (covered, dense.asked, sparse.asked, slow, fast, equal, 0 if equal else apart(one, other), before,
-            sparse.overshoot)  # fmt: skip
+    """Of one shape: points asked densely and sparsely, seconds of both, faces, the share that the cage cut off, whether
+    the surfaces are equal bit for bit, and how far they leave the cage."""
+    slow, dense = timed(lambda: extract(field, resolution, METHODS["dense"]))
+    fast, sparse = timed(lambda: extract(field, resolution))
+    equal = np.array_equal(dense.mesh.vertices, sparse.mesh.vertices)
+    return (dense.asked, sparse.asked, slow, fast, len(sparse.mesh.faces), sparse.clipped, equal, sparse.overshoot)
 
 
-def noted(parts: Iterable[Part], notes: list[Part]) -> list[Part]:
-    """The parts, of which a note is taken."""
-    notes.extend(parts)
-    return notes
-
-
-def memory(category: str, shape: int) -> None:
-    run = read_run(RUNS / category / "cagesdf")
-    shape_id = list(run.sequences)[shape]
-    seconds, found = timed(extract, field_of(run, shape_id), 512)
+def memory(run: Path, shape: int) -> None:
+    trained = read_run(run)
+    shape_id = list(trained.sequences)[shape]
+    seconds, found = timed(extract, rest_field(trained, shape_id), 512)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     row(shape_id, f"{peak:.0f} MB", f"{seconds:.1f} s", f"{found.asked:,}", f"{len(found.mesh.faces):,}")
 
 
-def overlaps(shapes: int) -> None:
-    row("category", "arm", "overlap", "surface distance %", "signed normals", "where cuboids overlap: mean %", "p99 %",
-        "jump at switches: mean", "p99", "largest (cells)", "pieces")  # fmt: skip
-    row(*["---"] * 11)
-    for category in CATEGORIES:
-        truths = read_shapes(SHAPES / category)
-        for arm in ("cagesdf", "cagesdf_global"):
-            run = read_run(RUNS / category / arm)
-            figures: dict[str, list[tuple[float, ...]]] = {name: [] for name in OVERLAPS}
-            for shape_id in drawn(run, shapes):
-                for step in (0, 3):
-                    if step in run.steps(shape_id):
-                        truth = Truth.of(truths.read(shape_id), run.sequences[shape_id], step, 0.005)
-                        for name in OVERLAPS:
-                            figures[name].append(seam(field_of(run, shape_id, step, name), truth))
-            for name, some in figures.items():
-                row(category, arm, name, *(f"{value:.3f}" for value in np.nanmean(some, axis=0)))
-
-
-def seam(field: CageField, truth: Truth) -> tuple[float, ...]:
-    found, rng = extract(field, 128), np.random.default_rng(0)
-    figures = score(Measured(found.mesh), truth, truth.drawn(15_000, rng), rng)
-    here, there = (sample_surface(mesh, 20_000, rng)[0] for mesh in (found.mesh, truth.mesh))
-    errors = []
-    for points, other in ((here, truth.distance), (there, SurfaceDistance(found.mesh))):
-        shared = (field.cage.signed_distance(points) <= NEAR).sum(axis=1) > 1
-        errors.append(other.unsigned(points[shared]))
-    error = 100 / truth.side * np.concatenate(errors)
-    jump = np.concatenate(list(jumps(field, 128)))
-    return (figures["surface_distance"], figures["nc_signed"], error.mean(), np.percentile(error, 99), jump.mean(),
-            np.percentile(jump, 99), jump.max(), found.components)  # fmt: skip
-
-
-def jumps(field: CageField, resolution: int) -> Iterator[np.ndarray]:
-    """|difference| in cells of the field at neighbouring lattice points near the surface, in other cuboids each."""
-    cell = 2 * HALF_EXTENT / resolution
-    parts = [part_of(field, k, cell, METHODS["dense"]) for k in range(len(field.cage))]
-    joined = Joined(field, parts, cell)
-    places = np.argwhere(joined.covered)
-    values = np.full(joined.covered.shape, np.nan)
-    values[joined.covered] = joined.field_at(np.flatnonzero(joined.covered))
-    distance = field.cage.signed_distance(joined.lattice.points(places))
-    row_at = np.full(joined.covered.shape, -1)
-    row_at[joined.covered] = np.arange(len(places))
-    for axis in range(3):
-        low, high = (np.moveaxis(row_at, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
-        both = (low >= 0) & (high >= 0)
-        a, b = low[both], high[both]
-        switch = ((distance[a] <= 0) != (distance[b] <= 0)).any(axis=1) | (
-            distance[a].argmin(axis=1) != distance[b].argmin(axis=1)
-        )
-        one, other = values[tuple(places[a[switch]].T)], values[tuple(places[b[switch]].T)]
-        yield np.abs(one - other)[np.minimum(np.abs(one), np.abs(other)) < 0.02] / cell
-
-
-def latency(edits: int) -> None:
-    row("cells", "edits", "p50 ms", "p95 ms", "largest ms", "first ms", "asked (median)")
+def fineness(runs: list[Path], shapes: int) -> None:
+    """Parts against themselves on a lattice of 512 cells, 48 at least: what cells, the step to the zero set and fewer
+    faces do."""
+    row("run", "cells, least", "drawn, fewer", "normals", "distance (1e-4)", "faces a part", "ms a part")
     row(*["---"] * 7)
-    run = read_run(RUNS / "chair" / "cagesdf")
-    for resolution in (96, 256):
-        rng = np.random.default_rng(0)
-        seconds, first, asked = [], [], []
-        ids = drawn(run, 10)
-        for shape_id in ids:
-            cage, latent = run.sequences[shape_id].cages[0], run.latent(shape_id, 0)
-            live = LiveSurface(run.decoder, resolution, FIELDS["cage"])
-            first.append(timed(live.surface, latent, cage)[0])
-            for _ in range(edits // len(ids)):
-                cage = edited(cage, rng)
-                spent, found = timed(live.surface, latent, cage)
-                seconds.append(spent)
-                asked.append(found.asked)
-        p50, p95 = np.percentile(seconds, [50, 95])
-        row(resolution, len(seconds), *(f"{1000 * t:.0f}" for t in (p50, p95, max(seconds), np.median(first))),
-            f"{np.median(asked):,.0f}")  # fmt: skip
+    usual = marching.FARTHEST
+    for path in runs:
+        run = read_run(path)
+        fields = [rest_field(run, shape_id) for shape_id in drawn(run, shapes)]
+        items = [(field, k) for field in fields for k in range(0, len(field.cage), 3)]
+        finest = [part_of(field, k, cell_of(512), Fineness(48, 0.0), METHODS["sparse"]).mesh for field, k in items]
+        for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
+            for farthest, even in ((0.0, 0.0), (usual, 0.0), (usual, 0.05), (usual, 0.2)):
+                marching.FARTHEST, each = farthest, Fineness(fineness.least, even)
+                start = time.process_time()
+                parts = [part_of(*item, cell_of(resolution), each, METHODS["sparse"]) for item in items]
+                seconds = time.process_time() - start
+                pairs = [(p.mesh, truth) for p, truth in zip(parts, finest) if len(truth.faces) and len(p.mesh.faces)]
+                normals, distance = np.mean([agreement(*pair) for pair in pairs], axis=0)
+                faces = np.mean([len(part.mesh.faces) for part in parts])
+                row(path.parent.name, f"{resolution}, {each.least}", f"{farthest:g}, {even:g}", f"{normals:.4f}",
+                    f"{1e4 * distance:.2f}", f"{faces:,.0f}", f"{1000 * seconds / len(items):.0f}")  # fmt: skip
+        marching.FARTHEST = usual
+
+
+def cell_of(resolution: int) -> float:
+    return 2 * HALF_EXTENT / resolution
+
+
+def agreement(one: Mesh, other: Mesh) -> np.ndarray:
+    """Signed normal consistency and mean distance, both ways."""
+    found, rng = [], np.random.default_rng(0)
+    for a, b in ((one, other), (other, one)):
+        points, faces = sample_surface(a, SAMPLES, rng)
+        away, nearest, _ = SurfaceDistance(b).closest(points)
+        here, there = (face_normals(mesh)[some] for mesh, some in ((a, faces), (b, nearest)))
+        lengths = np.linalg.norm(here, axis=1) * np.linalg.norm(there, axis=1)
+        found.append(((here * there).sum(axis=1) / lengths, away))
+    return np.mean(found, axis=(0, 2))
+
+
+def latency(runs: list[Path], edits: int) -> None:
+    row(
+        "run", "cells, least, even", "edits", "p50 ms", "p95 ms", "largest ms", "the first surface ms", "asked (median)"
+    )
+    row(*["---"] * 8)
+    for path in runs:
+        run = read_run(path)
+        for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
+            rng = np.random.default_rng(0)
+            seconds, first, asked = [], [], []
+            ids = drawn(run, 10)
+            for shape_id in ids:
+                field = rest_field(run, shape_id)
+                live = LiveSurface(resolution, fineness=fineness)
+                first.append(timed(live.surface, field, clock=time.perf_counter)[0])
+                cage = field.cage
+                for _ in range(edits // len(ids)):
+                    cage = edited(cage, rng)
+                    # Parts keep their codes, as in an editor.
+                    given = CageField(run.decoder, field.codes, cage)
+                    spent, found = timed(live.surface, given, clock=time.perf_counter)
+                    seconds.append(spent)
+                    asked.append(found.asked)
+            p50, p95 = np.percentile(seconds, [50, 95])
+            row(path.parent.name, f"{resolution}, {fineness.least}, {fineness.even:g}", len(seconds),
+                *(f"{1000 * t:.0f}" for t in (p50, p95, max(seconds), np.median(first))),
+                f"{np.median(asked):,.0f}")  # fmt: skip
 
 
 def edited(cage: Cage, rng: np.random.Generator) -> Cage:
@@ -228,23 +174,28 @@ def edited(cage: Cage, rng: np.random.Generator) -> Cage:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=Path, default=Path("data/runs"))
+    parser.add_argument("--arm", default="cagesdf")
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("methods").add_argument("--shapes", type=int, default=8)
-    commands.add_parser("overlaps").add_argument("--shapes", type=int, default=8)
+    commands.add_parser("fineness").add_argument("--shapes", type=int, default=4)
     commands.add_parser("latency").add_argument("--edits", type=int, default=200)
     of = commands.add_parser("memory", help="in a process of its own, whose peak is the answer")
     of.add_argument("category")
     of.add_argument("shape", type=int)
-    given = vars(parser.parse_args())
+    given = parser.parse_args()
     torch.set_num_threads(1)
     print(f"On {processor()}.\n")
-    tables: dict[str, Callable[..., None]] = {
-        "methods": methods,
-        "overlaps": overlaps,
-        "latency": latency,
-        "memory": memory,
-    }
-    tables[given.pop("command")](**given)
+    runs = [path for category in CATEGORIES if (path := given.runs / category / given.arm).is_dir()]
+    match given.command:
+        case "methods":
+            methods(runs, given.shapes)
+        case "fineness":
+            fineness(runs, given.shapes)
+        case "latency":
+            latency(runs, given.edits)
+        case "memory":
+            memory(given.runs / given.category / given.arm, given.shape)
 
 
 if __name__ == "__main__":

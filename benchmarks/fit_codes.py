@@ -24,7 +24,7 @@ from cagesdf.cli.fitting import MEASURE, settings_of
 from cagesdf.cli.shapes import IMPORT
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
-from cagesdf.extraction import OUTSIDES, CageField, extract
+from cagesdf.extraction import extract, field_of
 from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.importing import import_shape
 from cagesdf.io.residuals import read_residuals
@@ -46,7 +46,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
     found = []
     for shape_id in ids:
         sequence = run.sequences[shape_id]
-        field = CageField(run.decoder, run.latent(shape_id, 0), sequence.cages[0], OUTSIDES["union"])
+        field = field_of(run.decoder, run.latent(shape_id, 0), sequence.cages[0])
         truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"])
         rng = np.random.default_rng(0)
         drawn = truth.drawn(MEASURE["points"], rng)
@@ -65,7 +65,7 @@ def fitted(run: Run, known: inference.Known, source: ShapeSource) -> dict[str, A
     surface = inference.fitted_surface(run, fit, RESOLUTION)
     told = inference.report(fit, surface, inference.measure(fit, surface.mesh, **MEASURE, rng=rng))
     seconds = time.process_time() - start
-    alone = CageField(run.decoder, fit.inferred.code, prepared.fitted.cage, OUTSIDES["union"])
+    alone = field_of(run.decoder, fit.inferred.code, prepared.fitted.cage)
     measured = inference.measure(fit, extract(alone, RESOLUTION).mesh, **MEASURE, rng=rng)
     return {**told, "one_code": measured["surface_distance"], "seconds": seconds}
 

@@ -17,7 +17,7 @@ from statistics import median
 import numpy as np
 import torch
 
-from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+from cagesdf.extraction import LOOSE
 from cagesdf.generating import (
     STABILITIES,
     Extracting,
@@ -44,7 +44,7 @@ def rng_of(*numbers: int) -> np.random.Generator:
 def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[str]:
     """A line for each method of an arm."""
     run = read_run(data / "runs" / category / arm)
-    how = Extracting(cells, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], 2048, STABILITIES["support"])
+    how = Extracting(cells, LOOSE["keep"], 2048, STABILITIES["support"])
     lines = []
     for method in methods_of(run):
         source = code_source(run, method, None)

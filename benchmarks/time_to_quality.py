@@ -21,7 +21,7 @@ from torch import Tensor
 
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.evaluation.tables import gather_tables
-from cagesdf.extraction import FIELDS, OUTSIDES, extract_surface
+from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.scores import read_scores
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
@@ -99,7 +99,7 @@ def exact_row(category: str, cells: int, item: tuple[Any, int]) -> dict[str, flo
     sequence, step = item
     params = load("evaluate")
     truth = Truth.of(read_shapes(Path("data/shapes") / category).read(sequence.shape_id), sequence, step, params.detail)
-    field = FIELDS["cage"](ExactDecoder(truth), torch.zeros(1), sequence.cages[step], OUTSIDES["union"])
+    field = field_of(ExactDecoder(truth), torch.zeros(1), sequence.cages[step])
     predicted = Measured(extract_surface(field, cells))
     rng = item_rng(params.seeds[0], "exact", sequence.shape_id, step)
     return score(predicted, truth, truth.drawn(params.points, rng), rng)

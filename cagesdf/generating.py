@@ -14,9 +14,8 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
-from cagesdf.extraction import FIELDS, Extraction, extract
-from cagesdf.extraction.field import Outside, Overlap
-from cagesdf.extraction.surface import NOTHING, Loose
+from cagesdf.extraction import Extraction, extract, field_of
+from cagesdf.extraction.surface import Loose
 from cagesdf.generation.cage_distance import cage_distances
 from cagesdf.generation.generator import Generated, Generator, Samples
 from cagesdf.generation.latent_kde import IsotropicGaussian, LatentKde, effective_number, similarity_weights
@@ -116,7 +115,7 @@ def _drawn(kde: LatentKde, weights: np.ndarray, rng: np.random.Generator, temper
 
 def has_cuboids(run: Run) -> bool:
     """Whether an arm was trained on cuboids; the others make whole shapes from a code alone."""
-    return run.params["points_of"] == "cage"
+    return run.decoder.trains_on != "cube"
 
 
 def methods_of(run: Run) -> tuple[str, ...]:
@@ -179,8 +178,6 @@ class Extracting:
     """How surfaces are taken out of the network, and what is asked of their cages."""
 
     resolution: int  # cells along [-HALF_EXTENT, HALF_EXTENT]
-    outside: Outside
-    overlap: Overlap
     loose: Loose
     points: int  # on each surface
     stable: Callable[[Cage], bool]  # one of STABILITIES
@@ -254,18 +251,19 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         standing_on,
         standing_on and how.stable(cage),
         points.astype(np.float32),
+        found.parts,
     )
 
 
 def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extraction, str]:
     latent = torch.from_numpy(code.latent).to(run.latents.values.device)
-    field = FIELDS[run.params["points_of"]](run.decoder, latent, cage, how.outside, how.overlap)
+    field = field_of(run.decoder, latent, cage)
     try:
         found = extract(field, how.resolution, loose=how.loose)
     except InputError:  # the network's fault, not the shape's
         raise
     except ValueError as error:
-        return Extraction(NOTHING, 0, 0.0, 0, 0, 0.0), f"{BROKEN}: {error}"
+        return Extraction.nothing(), f"{BROKEN}: {error}"
     return found, OK if len(found.mesh.faces) else EMPTY
 
 

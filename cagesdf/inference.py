@@ -8,23 +8,20 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32
 from numpy import ndarray
-from torch import Tensor
 
 from cagesdf.cuboid import Cage, Sequence
+from cagesdf.deformation import solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
-from cagesdf.extraction import OUTSIDES, CageField, Extraction, extract
-from cagesdf.extraction.field import Outside
+from cagesdf.extraction import CageField, Extraction, extract
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.fitting.fitted import FittedCage
-from cagesdf.io.points import CHUNK, PointChunks
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
-from cagesdf.models.decoders import Decoder
+from cagesdf.models.codes import part_codes
 from cagesdf.models.latents import SHARED, LatentTable
-from cagesdf.models.shifted import ShiftedDecoder
-from cagesdf.sampling import sample_points
+from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
 from cagesdf.shape import Shape
 from cagesdf.solid import union
 from cagesdf.training.batches import Batch, training_chunks, training_set
@@ -48,10 +45,7 @@ class FitSettings:
     min_size: float
     margin: float
     points: int
-    near: int  # these four as `sample_points`'
-    uniform: int
-    per_cuboid: int
-    beta: float
+    counts: PointCounts
     inference: InferenceSettings
 
 
@@ -157,10 +151,13 @@ def prepare(run: Run, shape: Shape, settings: FitSettings, rng: np.random.Genera
     fitted = fit_cage(shape, settings.slack, settings.min_size, settings.margin, settings.points, rng)
     try:
         surface = union([part.mesh for part in shape.parts])
+        solids = solids_in_cuboids(shape, fitted.cage)
     except ValueError as error:
         raise ShapeRejected(shape.shape_id, STAGE, str(error)) from error
-    numbers = settings.near, settings.uniform, settings.per_cuboid, settings.beta
-    chunks = SAMPLERS[run.decoder.trains_on](shape, surface, fitted.cage, settings, rng)
+    if run.decoder.trains_on == "part":
+        chunks = part_chunks(shape.shape_id, 0, solids, fitted.cage, settings.counts, rng)
+    else:
+        chunks = shape_chunks(shape.shape_id, 0, SurfaceDistance(surface), fitted.cage, settings.counts, rng)
     sequences = {shape.shape_id: Sequence(shape.shape_id, None, np.zeros(1), (False,), (fitted.cage,))}
     chunks = training_chunks(chunks, sequences, "rest", run.decoder.trains_on, run.params["reach"], rng)
     table = LatentTable(((shape.shape_id, SHARED),), torch.zeros(1, run.params["latent_dim"]))
@@ -173,8 +170,7 @@ def fit_code(run: Run, known: Known, prepared: Prepared, settings: InferenceSett
     codes = torch.from_numpy(np.stack([*known.codes.values()])).to(run.latents.values.device)
     candidates = torch.cat([codes, codes.mean(dim=0, keepdim=True)])
     names = (*known.codes, MEAN)
-    settings = replace(settings, clamp=run.params["clamp"])
-    inferred = infer(run.decoder, candidates, prepared.groups, settings, seed)
+    inferred = infer(run.decoder, candidates, prepared.groups, run.params["clamp"], settings, seed)
     return Fit(prepared, inferred, names[inferred.start], judge(known, prepared.fitted.cage, inferred))
 
 

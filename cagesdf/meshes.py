@@ -113,6 +113,18 @@ def is_closed(mesh: Mesh) -> bool:
     return np.array_equal(forth, back)
 
 
+def topology(mesh: Mesh) -> tuple[int, int]:
+    """Connected closed surfaces of a closed manifold mesh, and its genus, summed over them (Euler, Poincaré)."""
+    edges = np.concatenate([mesh.faces[:, :2], mesh.faces[:, 1:]])
+    count = len(mesh.vertices)
+    links = coo_array((np.ones(len(edges), bool), edges.T), (count, count))
+    piece = connected_components(links, directed=False)[1]
+    used = np.unique(mesh.faces)
+    pieces = len(np.unique(piece[used]))
+    characteristic = len(used) - len(mesh.faces) // 2
+    return pieces, pieces - characteristic // 2
+
+
 def edge_keys(mesh: Mesh) -> tuple[Int[ndarray, " m"], Int[ndarray, " n"]]:
     """Each directed edge as one number that it shares with its opposite, sorted: those that go up in index, and down.
 

@@ -30,37 +30,37 @@ class PartSamples:
     near: Bool[ndarray, "c k"]  # around the surface rather than uniform
 
 
-@dataclass(frozen=True)
-class PartCounts:
-    """How many points a part gets, for each unit of its surface's area in the unit frame."""
-
-    near: float  # around the surface
-    uniform: float  # in the cuboid and a little around it
-
-
 def sample_part(
-    unit: Mesh, cage: Cage, cuboid: int, counts: PartCounts, chunk: int, rng: np.random.Generator
+    solid: Mesh,
+    cage: Cage,
+    cuboid: int,
+    part_near: float,
+    part_uniform: float,
+    chunk: int,
+    rng: np.random.Generator,
 ) -> PartSamples:
     """Training samples of a closed part, given in the unit frame of cuboid number `cuboid`.
+
+    For each unit of its surface's area there it gets `part_near` points around the surface and `part_uniform` others.
 
     Near points are at places of the surface, uniform by area in the unit frame, plus an isotropic normal offset whose
     standard deviation is log-uniform in SPREAD times the cuboid's smallest length. Those that fall beyond the cuboid by
     more than BEYOND of a length are drawn uniformly instead, in the cuboid enlarged by that, like the uniform points.
     """
-    areas = face_areas(unit)
+    areas = face_areas(solid)
     area = min(float(areas.sum()), LARGEST)
-    near = int(counts.near * area)
-    total = max(LEAST_CHUNKS, -(-int((counts.near + counts.uniform) * area) // chunk)) * chunk
-    moved = unit.with_vertices(cage.from_unit(unit.vertices, cuboid))
+    near = int(part_near * area)
+    total = max(LEAST_CHUNKS, -(-int((part_near + part_uniform) * area) // chunk)) * chunk
+    moved = solid.with_vertices(cage.from_unit(solid.vertices, cuboid))
     faces = np.sort(rng.choice(len(areas), near, p=areas / areas.sum()))
     first, second = rng.random((2, near, 1))
     turned = first + second > 1
     first, second = np.where(turned, 1 - first, first), np.where(turned, 1 - second, second)
     a, b, c = moved.corners()[faces].swapaxes(0, 1)
     places = a + first * (b - a) + second * (c - a)
-    smallest = max(float(cage.size[cuboid].min()), LEAST_UNIT)
-    low, high = np.log(SPREAD).tolist()
-    spread = np.exp(rng.uniform(low, high, (near, 1))) * smallest
+    spread = np.exp(rng.uniform(np.log(SPREAD[0]), np.log(SPREAD[1]), (near, 1))) * max(
+        float(cage.size[cuboid].min()), LEAST_UNIT
+    )
     around = cage.to_unit(places + rng.normal(size=(near, 3)) * spread, cuboid)
     filling = rng.uniform(-0.5 - BEYOND, 0.5 + BEYOND, (total, 3))
     beyond = (np.abs(around) > 0.5 + BEYOND).any(axis=1)

@@ -136,7 +136,7 @@ class TrainParams(Params):
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count
-    clamp: NonNegative  # of distances in the loss, canonical units, or lengths of a part; 0: none
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps
@@ -159,8 +159,6 @@ class ExtractParams(Params):
     resolution: Count  # cells along [-1.05, 1.05]
     sources: Count  # at most so many source shapes, drawn by seed (Table 1)
     held_out: Count  # at most so many shapes whose held-out steps are extracted (Table 2)
-    outside: Literal["union", "constant"]  # field outside cuboids: distance to their union, or the paper's 0.1
-    overlap: Literal["deepest", "union", "blend"]  # field where cuboids overlap; deepest is the paper's
     loose: Literal["keep", "drop"]  # pieces that don't hang together with the largest
     seed: Natural
 
@@ -204,21 +202,17 @@ class EditsParams(Params):
     """How an arm's surfaces are extracted for trials; all but `resolution` as extract_meshes'."""
 
     resolution: Count  # cells along [-1.05, 1.05]
-    outside: Literal["union", "constant"]
-    overlap: Literal["deepest", "union", "blend"]
     loose: Literal["keep", "drop"]
     arms: Names  # run's
 
 
 class GenerateParams(Params):
-    """New shapes of an arm; `outside`, `overlap` and `loose` as extract_meshes'."""
+    """New shapes of an arm; `loose` as extract_meshes'."""
 
     shapes: Count  # by each of its methods
     temperature: NonNegative  # of cages and codes; 1 draws them as they were spread in training
     tau: Positive | Literal["likelihood"]  # temperature of the weights of similar cages' codes, canonical units
     resolution: Count  # cells along [-1.05, 1.05]
-    outside: Literal["union", "constant"]
-    overlap: Literal["deepest", "union", "blend"]
     loose: Literal["keep", "drop"]
     points: Count  # on each surface
     stability: Literal["support", "simulation"]  # how it is tested; the second needs the extra `physics`

@@ -13,7 +13,7 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
 from cagesdf.evaluation.trials import Trial
-from cagesdf.extraction import FIELDS, LOOSE, METHODS, OUTSIDES, OVERLAPS, extract
+from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.trials import TrialFolder, read_trials
@@ -28,7 +28,7 @@ def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:
     folders = artefact.inside(runs, params.arms, "run", params.format)
     manifests = {arm: folder / artefact.MANIFEST for arm, folder in folders.items()}
     with artefact.write("edits", out, inputs={"trials": trials}, params=params, foreign=manifests) as folder:
-        arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).params["points_of"] == "cage"}
+        arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).decoder.trains_on != "cube"}
         source = read_trials(trials)
         of_shape: dict[str, list[str]] = {}
         for trial_id, row in source.rows.items():
@@ -66,10 +66,10 @@ def try_arms(
 
 def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:
     """What the arm makes of a trial's cuboids and style."""
-    make_field, outside, overlap = FIELDS[run.params["points_of"]], OUTSIDES[params.outside], OVERLAPS[params.overlap]
-    field = make_field(run.decoder, run.latent(trial.style_of, 0), trial.cage, outside, overlap)
+    rest = run.sequences[trial.shape_id].cages[0]  # edits keep the codes that parts have there
+    field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
     try:
-        return extract(field, params.resolution, METHODS["sparse"], LOOSE[params.loose]).mesh
+        return extract(field, params.resolution, loose=LOOSE[params.loose]).mesh
     except ValueError as error:
         error.add_note(f"trial {trial.trial_id}")
         raise

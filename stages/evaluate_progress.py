@@ -12,7 +12,7 @@ import torch
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
 from cagesdf.evaluation.tables import PROGRESS
-from cagesdf.extraction import FIELDS, OUTSIDES, OVERLAPS, extract_surface
+from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.points import CHUNK
 from cagesdf.io.progress import write_progress
 from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of
@@ -68,8 +68,7 @@ def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, s
 
 def surface(run: Run, shape_id: str, step: int, params: ProgressParams) -> Measured | None:
     """What the run makes of one step of one shape."""
-    make_field, cage = FIELDS[run.params["points_of"]], run.sequences[shape_id].cages[step]
-    field = make_field(run.decoder, run.latent(shape_id, step), cage, OUTSIDES["union"], OVERLAPS["blend"])
+    field = field_of(run.decoder, run.latent(shape_id, step), run.sequences[shape_id].cages[step])
     mesh = extract_surface(field, params.resolution)
     return Measured(mesh) if len(mesh.faces) else None
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from cagesdf.errors import InputError
-from cagesdf.extraction import FIELDS, LOOSE, METHODS, OUTSIDES, OVERLAPS, extract
+from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.runs import Run, read_run
 from pipeline import ExtractParams, artefact, draw, progress, run_stage
@@ -36,11 +36,9 @@ def surface_of(run: Run, params: ExtractParams, item: tuple[str, int]) -> Surfac
     """The surface of one step of one shape."""
     shape_id, step = item
     sequence = run.sequences[shape_id]
-    make_field = FIELDS[run.params["points_of"]]
-    outside, overlap = OUTSIDES[params.outside], OVERLAPS[params.overlap]
-    field = make_field(run.decoder, run.latent(shape_id, step), sequence.cages[step], outside, overlap)
+    field = field_of(run.decoder, run.latent(shape_id, step), sequence.cages[step])
     try:
-        found = extract(field, params.resolution, METHODS["sparse"], LOOSE[params.loose])
+        found = extract(field, params.resolution, loose=LOOSE[params.loose])
     except ValueError as error:
         error.add_note(f"shape {shape_id}, step {step}")
         raise

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from cagesdf.errors import InputError
-from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+from cagesdf.extraction import LOOSE
 from cagesdf.generating import (
     STABILITIES,
     Extracting,
@@ -49,8 +49,7 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
             for method, source in sources.items()
             for order in orders(drawn, method, source, params.seed, rng_of, params.temperature)
         ]
-        outside, overlap, loose = OUTSIDES[params.outside], OVERLAPS[params.overlap], LOOSE[params.loose]
-        how = Extracting(params.resolution, outside, overlap, loose, params.points, STABILITIES[params.stability])
+        how = Extracting(params.resolution, LOOSE[params.loose], params.points, STABILITIES[params.stability])
 
         def make(order: Order) -> GeneratedShape:
             return make_shape(trained, how, item_rng(params.seed, "points", order.method, order.shape_id), order)

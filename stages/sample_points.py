@@ -3,24 +3,22 @@
 python -m stages.sample_points data/shapes/chair data/sequences/chair data/points/chair
 """
 
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cagesdf.cuboid import Cage, Sequence
+from cagesdf.cuboid import Sequence
 from cagesdf.deformation import deform_shape, solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.io.points import CHUNK, PointChunks, PointsOf, join_chunks, shard_path, write_shard
+from cagesdf.io.points import PointChunks, PointsOf, join_chunks, shard_path, write_shard
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.meshes import Mesh
-from cagesdf.part_sampling import PartCounts, sample_part
-from cagesdf.sampling import sample_points
-from cagesdf.shape import Shape
+from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
 from cagesdf.solid import union
 from pipeline import SampleParams, artefact, item_rng, parallel_groups, run_stage
 
@@ -51,44 +49,19 @@ def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequenc
     Raises ShapeRejected if a step, or a part, has no closed surface.
     """
     shape, rest = source.read(sequence.shape_id), sequence.cages[0]
-    parts = in_unit_frames(shape, rest)
-    pieces, of_parts = [], []
+    counts = PointCounts(**params.model_dump(include={field.name for field in fields(PointCounts)}))
+    of_shape, of_parts = [], []
     for step in np.flatnonzero(~np.array(sequence.held_out)).tolist():
         cage = sequence.cages[step]
         rng = item_rng(params.seed, "sample_points", shape.shape_id, step)
-        pieces.append(shape_chunks(shape, rest, cage, step, params, rng))
-        for part, unit in enumerate(parts):
-            samples = sample_part(unit, cage, part, PartCounts(params.part_near, params.part_uniform), CHUNK, rng)
-            fields = samples.points, samples.sdf, samples.near
-            zeros = np.zeros(len(samples.sdf), np.int64)
-            names = (shape.shape_id,), cage.part_ids
-            of_parts.append(PointChunks(zeros, zeros + step, zeros + part, *fields, *names))
-    return join_chunks(pieces), join_chunks(of_parts)
-
-
-def shape_chunks(
-    shape: Shape, rest: Cage, cage: Cage, step: int, params: SampleParams, rng: np.random.Generator
-) -> PointChunks:
-    """Chunks of one step of a shape. Raises ShapeRejected as `sample_sequence` does."""
-    try:
-        surface = SurfaceDistance(union(deform_shape(shape, rest, cage)))
-    except ValueError as error:
-        raise ShapeRejected(shape.shape_id, "sample_points", f"step {step}: {error}") from error
-    samples = sample_points(surface, cage, params.near, params.uniform, params.per_cuboid, params.beta, CHUNK, rng)
-    numbers = np.zeros_like(samples.part), np.full_like(samples.part, step)
-    fields = samples.part, samples.points, samples.sdf, samples.near
-    return PointChunks(*numbers, *fields, (shape.shape_id,), cage.part_ids)
-
-
-def in_unit_frames(shape: Shape, rest: Cage) -> list[Mesh]:
-    """The parts, each in the unit frame of its own cuboid.
-
-    Raises ShapeRejected if one isn't closed.
-    """
-    try:
-        return solids_in_cuboids(shape, rest)
-    except ValueError as error:
-        raise ShapeRejected(shape.shape_id, "sample_points", str(error)) from error
+        try:
+            surface = SurfaceDistance(union(deform_shape(shape, rest, cage)))
+            solids = solids_in_cuboids(shape, rest)
+        except ValueError as error:
+            raise ShapeRejected(shape.shape_id, "sample_points", f"step {step}: {error}") from error
+        of_shape.append(shape_chunks(shape.shape_id, step, surface, cage, counts, rng))
+        of_parts.append(part_chunks(shape.shape_id, step, solids, cage, counts, rng))
+    return join_chunks(of_shape), join_chunks(of_parts)
 
 
 def lost(sequence: Sequence, reason: str) -> ShapeRejected:
@@ -102,7 +75,7 @@ def facts(of: PointsOf, params: SampleParams) -> dict[str, object]:
         return {
             "of": "part",
             "deformation": "each part by its own cuboid alone",
-            "sampler": "normal offsets from the surface, even in the unit frame; uniform in the cuboid and around it",
+            "sampler": "normal offsets from the surface, even in the unit frame; uniform in and around the cuboid",
             **params.model_dump(include={"part_near", "part_uniform", "seed"}),
         }
     return {

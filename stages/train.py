@@ -98,7 +98,7 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
         count,
     )
     write_run(folder, run, log)
-    errors = rest_residuals(inputs["points"], decoder, latents, cages, params.reach)
+    errors = rest_residuals(inputs["points"], decoder, latents, cages, params.reach, params.clamp)
     write_residuals(folder, errors)
     for steps, tensors in checkpoint.kept().items():
         write_snapshot(folder, steps, tensors)

@@ -18,10 +18,11 @@ from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.io.meshes import write_ply
-from cagesdf.io.points import CHUNK, PointChunks, shard_path, write_shard
+from cagesdf.io.points import CHUNK, PointChunks, write_shard
 from cagesdf.io.runs import Run, write_run
 from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.models.arms import make_decoder
+from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import Params, artefact
@@ -63,13 +64,20 @@ def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
     return Command(capsys, monkeypatch)
 
 
-def write_trained(folder: Path, value: float) -> Path:
-    """A run of two boxes whose network says `value` everywhere, so that the cage is the surface."""
-    decoder: Any = make_decoder("DeepSdfDecoder", **FIGURES, seed=0)
+def constant(kind: str, value: float) -> Decoder:
+    """A network that says `value` everywhere, so that its cuboids are full or empty."""
+    decoder: Any = make_decoder(kind, **FIGURES, seed=0)
+    out = decoder.out if kind == "DeepSdfDecoder" else decoder.backbone.out
     with torch.no_grad():
         for parameter in decoder.parameters():
             parameter.zero_()
-        decoder.out.bias.fill_(value)
+        out.bias.fill_(value)
+    return decoder
+
+
+def write_trained(folder: Path, value: float) -> Path:
+    """A run of two boxes whose network says `value` everywhere, so that the cage is the surface."""
+    decoder = constant("CageDecoder", value)
     cages = tuple(Cage.of({"a": Cuboid(np.zeros(3), np.eye(3), SIZE * factor)}) for factor in (1.0, 1.2))
     names = ("chair_0001", "chair_0002")
     similarity = Similarity(0.5, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
@@ -79,7 +87,7 @@ def write_trained(folder: Path, value: float) -> Path:
         {name: Sequence(name, None, np.array([0.0, 1.0]), (False, True), cages) for name in names},
         {name: PartHierarchy.flat(("a",), ("",), "chair") for name in names},
         dict.fromkeys(names, similarity),
-        {**FIGURES, "decoder": "DeepSdfDecoder"},
+        {**FIGURES, "decoder": "CageDecoder"},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=PARAMS) as out:
@@ -101,7 +109,9 @@ def write_points(folder: Path) -> Path:
             near = np.tile(np.arange(CHUNK) % 2 == 0, (2, 1))
             whose = np.array([0, 0], np.int32), np.array([0, k], np.int32), np.array([0, k], np.int32)
             xyz = rng.uniform(-1, 1, (2, CHUNK, 3)).astype(np.float32)
-            write_shard(shard_path(out, "shape", k), [PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b"))], rng)
+            write_shard(
+                out / f"shard-{k:03d}.parquet", [PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b"))], rng
+            )
     return folder
 
 
@@ -135,8 +145,8 @@ def test_points_are_described_with_the_share_inside_and_counts_by_cuboid(command
     assert "a step     points: 0: 192, 1: 64" in text
     assert "a cuboid   points: c0 0 a: 128, c1 0 a: 64, c1 1 b: 64" in text
     assert "-0.05 to 0.05" in text
-    shard = command("inspect", tmp_path / "points" / "chair" / "shape-0001.parquet")
-    assert "shape-0001.parquet: points, 128 rows" in shard
+    shard = command("inspect", tmp_path / "points" / "chair" / "shard-001.parquet")
+    assert "shard-001.parquet: points, 128 rows" in shard
     assert "c1 0 a: 64, c1 1 b: 64" in shard
 
 
@@ -145,7 +155,7 @@ def test_points_are_drawn_as_a_slice(command: Command, tmp_path: Path) -> None:
     command("inspect", points, "--picture", tmp_path / "slice.png")
     assert (tmp_path / "slice.png").read_bytes().startswith(b"\x89PNG")
     assert "ends in .png" in command.complaint("inspect", points, "--picture", tmp_path / "slice.gif")
-    command("inspect", points / "shape-0001.parquet", "--picture", tmp_path / "shard.png")
+    command("inspect", points / "shard-001.parquet", "--picture", tmp_path / "shard.png")
     assert (tmp_path / "shard.png").is_file()
 
 

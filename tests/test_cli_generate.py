@@ -20,8 +20,8 @@ from cagesdf.generating import Order
 from cagesdf.io.generated import GeneratedShape
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run
-from cagesdf.meshes import is_closed
-from cagesdf.solid import cage_surface
+from cagesdf.meshes import Mesh, is_closed
+from cagesdf.solid import CUBE_FACES, cage_surface
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.parsing import read_program
@@ -50,6 +50,7 @@ def read_shape(run: Path) -> GeneratedShape:
     return GeneratedShape(
         "", "", 0, 0, trained.structures["stool_0"], cage, 0, np.zeros(2, np.float32), 1.0, "ok", mesh, 1, 0.0, 1,
         rooted=True, stable=True, points=mesh.vertices.astype(np.float32),
+        parts=dict(zip(cage.part_ids, (Mesh(corners, CUBE_FACES) for corners in cage.corners()))),
     )  # fmt: skip
 
 
@@ -115,7 +116,7 @@ def test_a_given_program_needs_no_generator_and_all_shapes_have_its_cuboids(comm
 def test_an_arm_without_cuboids_makes_whole_shapes_and_takes_no_options_about_them(
     command: Command, tmp_path: Path
 ) -> None:
-    run = test_stage_generate.write_arm(tmp_path / "run", 0.05, points_of="cube")
+    run = test_stage_generate.write_arm(tmp_path / "run", 0.05, trains_on="cube")
     told = json.loads(command("generate", run, "--count", 2, "--out", tmp_path / "new", "--resolution", 16))
     assert (told["method"], told["shapes"], told["empty"]) == ("isotropic", 2, 2)
     assert "rooted" not in told, "that is said of cuboids"

@@ -21,7 +21,7 @@ from cagesdf.formats import gltf
 from cagesdf.formats.gltf import SUFFIXES, read_gltf
 from cagesdf.formats.gltf_json import MAX_ENTRIES
 from cagesdf.formats.listing import find_shape, read_shape
-from cagesdf.io.exports import Model, as_stored, write_model
+from cagesdf.io.exports import Model, write_model
 from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, weld
 
 RNG = np.random.default_rng
@@ -379,16 +379,14 @@ def test_the_order_of_the_jsons_lists_changes_nothing(place: Path, seed: int) ->
         np.testing.assert_array_equal(mesh.corners(), shuffled[name].corners())
 
 
-def test_our_own_exports_give_their_surface_back(tmp_path: Path) -> None:
-    stored, place = as_stored(toy.ball([3, -2, 1], 1.0))
-    ball = stored.with_vertices(stored.vertices + place)
-    owner = (ball.corners().mean(axis=1)[:, 0] > 3).astype(int)
-    names = {"leg 1": BOX, "back/rest": BOX}
-    write_model(tmp_path / "a.glb", Model(stored, owner, names, place))
+def test_our_own_exports_give_their_parts_back(tmp_path: Path) -> None:
+    balls = {"leg 1": toy.ball([3, -2, 1], 1.0), "back/rest": toy.ball([3, -1, 1], 0.7)}
+    model = Model.of(balls["leg 1"], balls, {"leg 1": BOX, "back/rest": BOX})
+    write_model(tmp_path / "a.glb", model)
     parts = dict(read_gltf(tmp_path / "a.glb"))
-    assert list(parts) == list(names)
-    corners = np.concatenate([mesh.corners() for mesh in parts.values()])
-    np.testing.assert_array_equal(corners, np.concatenate([ball.corners()[owner == i] for i in (0, 1)]))
+    assert list(parts) == list(balls)
+    for name, mesh in parts.items():
+        np.testing.assert_array_equal(mesh.corners(), model.parts[name].corners())
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -67,7 +67,7 @@ def trained(params: dict[str, object] | None = None) -> Run:
     sequences = {name: Sequence(name, None, np.zeros(1), (False,), (cage,)) for name, cage in cages.items()}
     structures = {name: PartHierarchy.flat(("a", "b"), ("ball",) * 2, "pair") for name in RADII}
     similarities = {name: Similarity(1.0, np.eye(3), np.zeros(3)) for name in RADII}
-    about = {"points_of": "cage", "reach": 0.02, "latent_dim": 2, **(params or {})}
+    about = {"reach": 0.02, "latent_dim": 2, **(params or {})}
     return Run(Balls(), table, sequences, structures, similarities, about, {"sampled": 1, "used": 1})
 
 
@@ -206,7 +206,7 @@ def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp
 def test_codes_read_back_as_they_were_and_damaged_ones_are_named(tmp_path: Path) -> None:
     found = fit(raw(pair(0.30, 0.40)))
     surface = inference.fitted_surface(trained(), found, 16).mesh
-    model = Model.of(surface, {}, lambda middles: np.zeros(len(middles), int))
+    model = Model.of(surface, {}, {})
     write_fit(tmp_path, found.prepared.fitted, found.inferred.code, found.inferred.film, model, {"shape_id": "new"})
     latent, film = read_fit_latent(tmp_path)
     assert torch.equal(latent, found.inferred.code)

@@ -14,10 +14,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
+from cagesdf.formats.gltf import read_gltf
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.io.exports import FAR, WRITERS, Model, as_stored, check_name, write_boxes, write_model
 from cagesdf.io.meshes import read_ply
 from cagesdf.meshes import Mesh, is_closed, join, signed_volume
+from cagesdf.solid import union
 
 CENTRE = np.array([100.0, -2.0, 3.0])
 UTM = np.array([500000.25, 5300000.86, 412.0])  # a table's place in metres: float32 has steps of half a metre there
@@ -25,18 +27,23 @@ PRECISE = [ending for ending in WRITERS if ending != ".stl"]  # formats that hol
 
 
 def model(centre: np.ndarray = CENTRE) -> Model:
-    """A ball away from the origin, cut at its middle; a third part has no face."""
+    """Two balls away from the origin that run into each other; a third part has no face."""
     cuboids = {
         "leg 1": toy.box(centre - [0.5, 0, 0], [1, 2, 2]),
         "back/rest": toy.box(centre + np.array([0.5, 0, 0]), [1, 2, 2]),
         "none": toy.box(centre + np.array([5, 0, 0]), [1, 1, 1]),
     }
-    return Model.of(toy.ball(centre, 1.0), cuboids, lambda middles: (middles[:, 0] > centre[0]).astype(int))
+    parts = {
+        "leg 1": toy.ball(centre - [0.3, 0, 0], 1.0),
+        "back/rest": toy.ball(centre + np.array([0.3, 0, 0]), 1.0),
+        "none": Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)),
+    }
+    return Model.of(union([parts["leg 1"], parts["back/rest"]]), parts, cuboids)
 
 
 def whole(mesh: Mesh) -> Model:
     """One part without a cuboid to speak of."""
-    return Model.of(mesh, {"all": toy.box([0, 0, 0], [1, 1, 1])}, lambda middles: np.zeros(len(middles), int))
+    return Model.of(mesh, {"all": mesh}, {"all": toy.box([0, 0, 0], [1, 1, 1])})
 
 
 def joined(path: Path) -> trimesh.Trimesh:
@@ -66,40 +73,53 @@ def distinct_names(path: Path) -> list[str]:
     return [line[2:] for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("o ")]
 
 
-@pytest.mark.parametrize("ending", WRITERS)
-def test_a_file_holds_the_surface_and_nothing_else(ending: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("ending", [".ply", ".stl"])
+def test_a_file_of_one_mesh_holds_the_surface_and_nothing_else(ending: str, tmp_path: Path) -> None:
     write_model(tmp_path / f"a{ending}", model())
     solid = joined(tmp_path / f"a{ending}")
     assert solid.is_watertight
     assert len(solid.faces) == len(model().surface.faces)
     assert solid.volume == pytest.approx(signed_volume(model().surface), rel=1e-6)
-    np.testing.assert_allclose(solid.bounds, [CENTRE - 1, CENTRE + 1], atol=1e-5)
+    np.testing.assert_allclose(solid.bounds, CENTRE + np.array([[-1.3, -1, -1], [1.3, 1, 1]]), atol=1e-5)
 
 
-def test_gltf_shows_the_surface_and_has_the_cuboids_in_a_second_scene_a_node_a_part(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ending", [".obj", ".glb"])
+def test_a_file_of_parts_holds_each_as_a_closed_mesh_of_its_own(ending: str, tmp_path: Path) -> None:
+    write_model(tmp_path / f"a{ending}", model())
+    reader = read_obj_groups if ending == ".obj" else read_gltf
+    groups = dict(reader(tmp_path / f"a{ending}"))
+    assert [name.replace("_", " ") for name in groups] == ["leg 1", "back/rest"]
+    for mesh, shift in zip(groups.values(), (-0.3, 0.3)):
+        assert is_closed(mesh)
+        np.testing.assert_allclose(
+            (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2, CENTRE + np.array([shift, 0, 0]), atol=1e-5
+        )
+        assert signed_volume(mesh) == pytest.approx(signed_volume(toy.ball([0, 0, 0], 1.0)), rel=1e-5)
+
+
+def test_gltf_shows_the_parts_and_has_the_surface_and_the_cuboids_in_further_scenes(tmp_path: Path) -> None:
     write_model(tmp_path / "a.glb", model())
     assert scenes(tmp_path / "a.glb") == {
-        "surface": ["leg 1", "back/rest"],
+        "parts": ["leg 1", "back/rest"],
+        "surface": ["surface"],
         "cuboids": ["leg 1", "back/rest", "none"],
     }
     scene = trimesh.load_scene(tmp_path / "a.glb")
     assert set(scene.graph.nodes_geometry) == {"leg 1", "back/rest"}
-    low = scene.geometry["surface/leg 1"]
-    assert low.triangles_center[:, 0].max() <= CENTRE[0]
+    whole = scene.geometry["surface/surface"]
+    assert whole.is_watertight
+    assert len(whole.faces) == len(model().surface.faces)
     for name, cuboid in model().cuboids.items():
         box = scene.geometry[f"cuboids/{name}"]
         assert box.is_watertight
         np.testing.assert_allclose(box.bounds, [cuboid.vertices.min(0), cuboid.vertices.max(0)], atol=1e-5)
 
 
-def test_objects_share_the_surfaces_vertices_and_keep_their_digits(tmp_path: Path) -> None:
+def test_objects_keep_their_digits(tmp_path: Path) -> None:
     write_model(tmp_path / "a.obj", model())
     text = (tmp_path / "a.obj").read_text(encoding="utf-8")
     vertices = np.array([line.split()[1:] for line in text.splitlines() if line.startswith("v ")], np.float32)
-    np.testing.assert_array_equal(vertices, model().surface.vertices)
-    groups = dict(read_obj_groups(tmp_path / "a.obj"))
-    assert list(groups) == ["leg_1", "back/rest"]
-    assert sum(len(mesh.faces) for mesh in groups.values()) == len(model().surface.faces)
+    np.testing.assert_array_equal(vertices, np.concatenate([part.vertices for part in model().parts.values()]))
 
 
 @pytest.mark.parametrize("ending", WRITERS)
@@ -186,7 +206,7 @@ def test_formats_hold_the_very_same_places(ratio: float, tmp_path: Path) -> None
     write_model(tmp_path / "a.glb", whole(mesh))
     [node] = [node for node in tree_of(tmp_path / "a.glb")["nodes"] if node["name"] == "all"][:1]
     scene = trimesh.load_scene(tmp_path / "a.glb", process=False)
-    local = np.asarray(scene.geometry["surface/all"].vertices)
+    local = np.asarray(scene.geometry["parts/all"].vertices)
     glb = local + np.array(node.get("translation", [0.0, 0.0, 0.0]))
     np.testing.assert_array_equal(glb, read_ply(tmp_path / "a.ply").vertices)
     if "translation" in node:

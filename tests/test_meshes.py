@@ -5,10 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 import toy
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cagesdf.meshes import Mesh, face_areas, is_closed, join, sample_surface, signed_volume, weld
+from cagesdf.meshes import Mesh, face_areas, is_closed, join, sample_surface, signed_volume, topology, weld
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -111,3 +112,12 @@ def test_any_number_of_vertices_in_one_place_are_one_and_too_many_near_ones_are_
     monkeypatch.setattr("cagesdf.meshes.MAX_PAIRS", 1000)
     with pytest.raises(ValueError, match=r"nearer than 0\.01"):
         weld(fan, 0.01)
+
+
+def test_topology_counts_closed_surfaces_and_their_handles() -> None:
+    sphere, ring = trimesh.creation.icosphere(1), trimesh.creation.torus(1.0, 0.3)
+    one, two = (Mesh(np.array(solid.vertices), np.array(solid.faces, np.int32)) for solid in (sphere, ring))
+    away = two.with_vertices(two.vertices + np.array([4.0, 0, 0]))
+    assert topology(one) == (1, 0)
+    assert topology(two) == (1, 1)
+    assert topology(join([one, two, away])) == (3, 2)

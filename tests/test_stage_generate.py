@@ -1,12 +1,10 @@
 """The generate stage: new shapes by each method of an arm, the same bytes each time, nothing dropped in silence."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import test_cli
-import torch
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.errors import InputError
@@ -19,7 +17,6 @@ from cagesdf.io.generated import read_generated
 from cagesdf.io.generators import TrainedGenerator, write_generator
 from cagesdf.io.runs import Run, read_run, write_run
 from cagesdf.meshes import is_closed
-from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.stability import rooted, stable
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -47,20 +44,16 @@ CAGES = {name: stool(0.6 + 0.1 * i, 0.7 + 0.02 * i) for i, name in enumerate(NAM
 STRUCTURES = {name: PartHierarchy.flat(("seat", "block"), ("seat", "block"), "stool") for name in NAMES}
 
 
-def write_arm(folder: Path, value: float, points_of: str = "cage") -> Path:
+def write_arm(folder: Path, value: float, trains_on: str = "cage") -> Path:
     """A run whose network says `value` everywhere, so that the cage is the surface, or there is none."""
-    decoder: Any = make_decoder("DeepSdfDecoder", **test_cli.FIGURES, seed=0)
-    with torch.no_grad():
-        for parameter in decoder.parameters():
-            parameter.zero_()
-        decoder.out.bias.fill_(value)
+    kind = {"cage": "CageDecoder", "cube": "DeepSdfDecoder"}[trains_on]
     run = Run(
-        decoder,
+        test_cli.constant(kind, value),
         LatentTable.drawn(tuple((name, -1) for name in NAMES), 2, 1.0, seed=0),
         {name: Sequence(name, None, np.zeros(1), (False,), (cage,)) for name, cage in CAGES.items()},
         STRUCTURES,
         dict.fromkeys(NAMES, Similarity(1.0, np.eye(3), np.zeros(3))),
-        {**test_cli.FIGURES, "decoder": "DeepSdfDecoder", "points_of": points_of},
+        {**test_cli.FIGURES, "decoder": kind},
         {"sampled": 1, "used": 1},
     )
     with artefact.write("run", folder, inputs={}, params=test_cli.PARAMS) as out:
@@ -79,7 +72,7 @@ def write_programs(folder: Path) -> Path:
 def arms(tmp_path: Path) -> Path:
     write_arm(tmp_path / "runs" / "full", -0.05)
     write_arm(tmp_path / "runs" / "empty", 0.05)
-    write_arm(tmp_path / "runs" / "whole", 0.05, points_of="cube")
+    write_arm(tmp_path / "runs" / "whole", 0.05, trains_on="cube")
     write_programs(tmp_path / "programs")
     return tmp_path
 

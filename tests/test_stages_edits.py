@@ -36,10 +36,10 @@ TRIALS = TrialsParams(
 )  # fmt: skip
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
-    "cagesdf": {"decoder": "LocalCageDecoder", "points_of": "cage", "latents": "source"},
-    "deepsdf": {"decoder": "DeepSdfDecoder", "points_of": "cube", "latents": "deformed"},
+    "cagesdf": {"decoder": "CageDecoder", "latents": "source"},
+    "deepsdf": {"decoder": "DeepSdfDecoder", "latents": "deformed"},
 }
-EDITS = EditsParams(format=1, resolution=32, outside="union", overlap="blend", loose="keep", arms=tuple(ARMS))
+EDITS = EditsParams(format=1, resolution=32, loose="keep", arms=tuple(ARMS))
 # Three of one family, each with a cage and a style of its own.
 RECIPES = [r for r in draw_recipes("vase", 38, 0, np.random.default_rng(2)) if r.family == "bottle" and not r.same_cage]
 RECIPES = [recipe for recipe in RECIPES if not recipe.same_style][:3]

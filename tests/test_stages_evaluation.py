@@ -27,15 +27,13 @@ from pipeline import EvaluateParams, ExtractParams, Params, ProgressParams, arte
 from pipeline.artefact import ArtefactError
 from stages import evaluate, evaluate_progress, extract_meshes
 
-EXTRACT = ExtractParams(
-    format=1, resolution=32, sources=2, held_out=1, outside="union", overlap="blend", loose="keep", seed=5
-)
+EXTRACT = ExtractParams(format=1, resolution=32, sources=2, held_out=1, loose="keep", seed=5)
 SHAPES = [toy.stool("a"), toy.stool("b", width=1.3, height=0.6), toy.stool("c", lean=0.3)]
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
 ARMS = {
-    "cagesdf": {"decoder": "LocalCageDecoder", "points_of": "cage", "latents": "source"},
-    "deepsdf": {"decoder": "DeepSdfDecoder", "points_of": "cube", "latents": "deformed"},
-    "nothing": {"decoder": "LocalCageDecoder", "points_of": "cage", "latents": "source"},
+    "cagesdf": {"decoder": "CageDecoder", "latents": "source"},
+    "deepsdf": {"decoder": "DeepSdfDecoder", "latents": "deformed"},
+    "nothing": {"decoder": "CageDecoder", "latents": "source"},
 }
 EVALUATE = EvaluateParams(format=1, points=500, detail=0.005, seeds=(0, 1), arms=tuple(ARMS))
 PROGRESS = ProgressParams(format=1, resolution=24, shapes=2, points=300, detail=0.005, seed=8, arms=tuple(ARMS))

@@ -11,22 +11,22 @@ from untrained import untrained
 
 from cagesdf.editing.session import model_of
 from cagesdf.errors import InputError
+from cagesdf.extraction import Extraction
 from cagesdf.io.exports import write_boxes, write_model
-from cagesdf.meshes import Mesh
 from cagesdf.viewing import files
 
 
 def test_an_export_is_the_file_that_the_command_writes(tmp_path: Path) -> None:
     session = untrained()
     state = session.opened("a")
-    mesh = session.live(48).surface(state).mesh
+    found = session.live(48).surface(state)
     for ending in files.FORMATS:
-        write_model(tmp_path / f"a.{ending}", model_of(mesh, state))
-        assert files.exported(mesh, state, ending) == (tmp_path / f"a.{ending}").read_bytes()
-        write_boxes(tmp_path / f"boxes.{ending}", model_of(mesh, state))
-        assert files.exported_boxes(mesh, state, ending) == (tmp_path / f"boxes.{ending}").read_bytes()
+        write_model(tmp_path / f"a.{ending}", model_of(found, state))
+        assert files.exported(found, state, ending) == (tmp_path / f"a.{ending}").read_bytes()
+        write_boxes(tmp_path / f"boxes.{ending}", model_of(found, state))
+        assert files.exported_boxes(found, state, ending) == (tmp_path / f"boxes.{ending}").read_bytes()
     with pytest.raises(InputError, match="no surface"):
-        files.exported(Mesh(mesh.vertices[:0], mesh.faces[:0]), state, "ply")
+        files.exported(Extraction.nothing(), state, "ply")
 
 
 @pytest.mark.parametrize(

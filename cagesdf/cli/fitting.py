@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 # How `fit` prepares shapes and measures surfaces: as params.yaml does.
 CUBOIDS: dict[str, Any] = {"slack": 0.01, "min_size": 0.001, "margin": 1e-6, "points": 10_000}
-SAMPLES: dict[str, Any] = {"near": 12_000, "uniform": 2_000, "per_cuboid": 256, "beta": 60.0}
+SAMPLES: dict[str, Any] = {
+    "near": 12_000, "uniform": 2_000, "per_cuboid": 256, "beta": 60.0, "part_near": 256.0, "part_uniform": 96.0,
+}  # fmt: skip
 MEASURE: dict[str, Any] = {"points": 30_000, "detail": 0.005}
 # How it finds codes: tried on half of the default validation shapes (docs/fit.md).
 INFERENCE: dict[str, Any] = {
-    "tried": 32, "starts": 4, "code_steps": 100, "film_steps": 200, "batch": 16,
-    "code_rate": 0.03, "film_rate": 0.01, "code_weight": 1e-4, "film_weight": 1e-4,
+    "tried": 32, "starts": 4, "code_steps": 100, "residual_steps": 200, "batch": 16,
+    "code_rate": 0.03, "residual_rate": 0.01, "code_weight": 1e-4, "residual_weight": 1e-4,
 }  # fmt: skip
 
 
@@ -60,7 +62,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         import torch
 
         from cagesdf import inference
-        from cagesdf.editing.session import cut
+        from cagesdf.editing.session import as_given
         from cagesdf.io.fits import write_fit
         from cagesdf.io.residuals import read_residuals
         from cagesdf.io.runs import read_run
@@ -82,7 +84,7 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
         found = inference.fit_code(trained, known, prepared, settings.inference, seed)
     with _timed(seconds, "extract"):
         surface = inference.fitted_surface(trained, found, resolution)
-    model = cut(surface.mesh, prepared.fitted.cage, shape.structure, shape.similarity)
+    model = as_given(surface.mesh, surface.parts, prepared.fitted.cage, shape.structure, shape.similarity)
     if not is_closed(model.surface) or signed_volume(model.surface) <= 0:
         raise InputError(f"{source}: the network gives a surface with holes, nothing was written; {found.verdict}")
     with _timed(seconds, "measure"):
@@ -90,16 +92,17 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
     counts = {"vertices": len(model.surface.vertices), "faces": len(model.surface.faces)}
     told = inference.report(found, surface, measured) | counts
     with new_folder(out_dir) as folder:
-        write_fit(folder, prepared.fitted, found.inferred.code, found.inferred.film, model, told)
+        write_fit(folder, prepared.fitted, found.inferred.code, found.inferred.residual, model, told)
     print(json.dumps({"out": str(out_dir), **told, "seconds": seconds}, ensure_ascii=False))
 
 
 def settings_of() -> "FitSettings":
     """How `fit` works."""
     from cagesdf.inference import FitSettings
+    from cagesdf.point_chunks import PointCounts
     from cagesdf.training.inference import InferenceSettings
 
-    return FitSettings(**CUBOIDS, **SAMPLES, inference=InferenceSettings(**INFERENCE))
+    return FitSettings(**CUBOIDS, counts=PointCounts(**SAMPLES), inference=InferenceSettings(**INFERENCE))
 
 
 def imported(source: Path) -> "Shape":

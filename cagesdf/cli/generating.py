@@ -160,11 +160,11 @@ def _maker(
     trained: "Run", resolution: int, stability: "Callable[[Cage], bool]", seed: int
 ) -> "Callable[[Order], GeneratedShape]":
     """What makes a shape of an order, with random numbers of its own."""
-    from cagesdf.extraction import LOOSE, OUTSIDES, OVERLAPS
+    from cagesdf.extraction import LOOSE
     from cagesdf.generating import Extracting, make_shape
     from pipeline.executor import item_rng
 
-    how = Extracting(resolution, OUTSIDES["union"], OVERLAPS["blend"], LOOSE["keep"], POINTS, stability)
+    how = Extracting(resolution, LOOSE["keep"], POINTS, stability)
 
     def make(order: "Order") -> "GeneratedShape":
         return make_shape(trained, how, item_rng(seed, "points", order.method, order.shape_id), order)
@@ -207,21 +207,21 @@ def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending
 
 
 def _model(shape: "GeneratedShape") -> Any:
-    """The surface cut by cuboid, with the cuboids; of an arm without cuboids it is one part in its bounding box."""
+    """The surface and its parts, with the cuboids; of an arm without cuboids it is one part in its bounding box."""
     import numpy as np
 
     from cagesdf.cuboid import CORNER_ORDER
-    from cagesdf.editing.session import cut
+    from cagesdf.editing.session import as_given
     from cagesdf.frames import Similarity
     from cagesdf.io.exports import Model
     from cagesdf.meshes import Mesh
     from cagesdf.solid import CUBE_FACES
 
     if shape.structure is not None:
-        return cut(shape.mesh, shape.cage, shape.structure, Similarity(1.0, np.eye(3), np.zeros(3)))
+        return as_given(shape.mesh, shape.parts, shape.cage, shape.structure, Similarity(1.0, np.eye(3), np.zeros(3)))
     low, high = shape.mesh.vertices.min(axis=0), shape.mesh.vertices.max(axis=0)
     box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
-    return Model.of(shape.mesh, {"shape": box}, lambda middles: np.zeros(len(middles), np.int64))
+    return Model.of(shape.mesh, shape.parts, {"shape": box})
 
 
 def _sheet(path: Path, shapes: "list[GeneratedShape]") -> None:

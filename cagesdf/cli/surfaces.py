@@ -185,8 +185,8 @@ class _Work:
 
         with self.timed("extract"):
             found = self.live.surface(state)
-        with self.timed("cut"):
-            model = model_of(found.mesh, state)
+        with self.timed("place"):
+            model = model_of(found, state)
         surface = model.surface
         if not is_closed(surface) or signed_volume(surface) <= 0:
             given = "a surface that isn't closed" if len(surface.faces) else "no surface at all"

@@ -1,5 +1,6 @@
 """A trained run, opened for editing: from shapes to states, from states to surfaces."""
 
+from collections.abc import Mapping
 from difflib import get_close_matches
 from functools import cached_property
 
@@ -12,7 +13,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
-from cagesdf.extraction import FIELDS, LOOSE, METHODS, SYMMETRIES, Each, Extraction, LiveSurface
+from cagesdf.extraction import LOOSE, METHODS, SYMMETRIES, USUAL, Each, Extraction, Fineness, LiveSurface, field_of
 from cagesdf.frames import Similarity
 from cagesdf.io.exports import Model
 from cagesdf.io.runs import Run
@@ -52,7 +53,7 @@ class Session:
 
     def edited(self, state: State, script: Script) -> History:
         """What a script leads to. Raises InputError as `operations.edited`, and for an arm that knows no cuboids."""
-        if self.run.params["points_of"] != "cage":
+        if self.run.decoder.trains_on == "cube":
             raise InputError("this arm was trained without cuboids: there is nothing to edit; take one such as cagesdf")
         return edited(state, script, self.styles)
 
@@ -63,44 +64,37 @@ class Session:
         loose: str = "keep",
         symmetry: str = "none",
         each: Each = map,
+        fineness: Fineness = USUAL,
     ) -> "Live":
         """What gives the surfaces of one state after another; the choices are extraction's, by name.
 
         With `each` a pool's `map`, cuboids are asked side by side.
         """
         return Live(
-            LiveSurface(
-                self.run.decoder,
-                resolution,
-                FIELDS[self.run.params["points_of"]],
-                method=METHODS[method],
-                loose=LOOSE[loose],
-                symmetry=SYMMETRIES[symmetry],
-                each=each,
-            ),
-            self.run.latents.values.device,
+            LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, fineness), self.run
         )
 
 
 class Live:
     """Surfaces of states, of which only what has changed since the last ones is asked for."""
 
-    def __init__(self, live: LiveSurface, device: torch.device) -> None:
+    def __init__(self, live: LiveSurface, run: Run) -> None:
         self._live = live
-        self._device = device
+        self._run = run
 
     def surface(self, state: State) -> Extraction:
         """The surface of a state, canonical: closed, outward and within its cuboids, or without faces."""
-        return self._live.surface(torch.from_numpy(state.latent).to(self._device), state.cage)
+        latent = torch.from_numpy(state.latent).to(self._run.latents.values.device)
+        return self._live.surface(field_of(self._run.decoder, latent, state.cage, state.seen))
 
 
-def model_of(mesh: Mesh, state: State) -> Model:
+def model_of(found: Extraction, state: State) -> Model:
     """A state's surface, canonical, as it is given to users."""
-    return cut(mesh, state.cage, state.structure, state.similarity)
+    return as_given(found.mesh, found.parts, state.cage, state.structure, state.similarity)
 
 
-def cut(mesh: Mesh, cage: Cage, structure: Structure, similarity: Similarity) -> Model:
-    """A canonical surface in the user's frame, cut by cuboid, with the cuboids; `similarity` is raw → canonical.
+def as_given(mesh: Mesh, parts: Mapping[str, Mesh], cage: Cage, structure: Structure, similarity: Similarity) -> Model:
+    """A canonical surface and its parts in the user's frame, with the cuboids; `similarity` is raw → canonical.
 
     Raises InputError for a place or size that files can't hold; see `exports.as_stored`.
     """
@@ -109,5 +103,7 @@ def cut(mesh: Mesh, cage: Cage, structure: Structure, similarity: Similarity) ->
         names[part]: Mesh(similarity.to_raw(corners), CUBE_FACES)
         for part, corners in zip(cage.part_ids, cage.corners())
     }
-    raw = mesh.with_vertices(similarity.to_raw(mesh.vertices))
-    return Model.of(raw, cuboids, lambda middles: cage.assign(similarity.to_canonical(middles))[0])
+    raw = {
+        names.get(part, part): solid.with_vertices(similarity.to_raw(solid.vertices)) for part, solid in parts.items()
+    }
+    return Model.of(mesh.with_vertices(similarity.to_raw(mesh.vertices)), raw, cuboids)

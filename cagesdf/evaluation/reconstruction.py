@@ -13,17 +13,17 @@ from scipy.spatial import cKDTree
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import deform_shape
 from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface
+from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface, topology
 from cagesdf.shape import Shape
 from cagesdf.solid import as_manifold, cage_surface, union
 
-VERSION = 2  # of the definitions; raised when one changes
+VERSION = 3  # of the definitions; raised when one changes
 F_SCORES = {"f1": 0.01, "f2": 0.02}  # thresholds, shares of the longest side
 # Of the whole surface, and with the suffix `_detail` of its detail alone.
 BOTH_WAYS = (
     "surface_distance", "accuracy", "completeness", "cd_deepsdf", "cd_l1", *F_SCORES, "nc", "nc_signed",
 )  # fmt: skip
-METRICS = (*BOTH_WAYS, "iou", "closed", *(f"{name}_detail" for name in BOTH_WAYS))
+METRICS = (*BOTH_WAYS, "iou", "closed", "same_components", "same_genus", *(f"{name}_detail" for name in BOTH_WAYS))
 
 
 class Measured:
@@ -45,6 +45,11 @@ class Measured:
     def closed(self) -> bool:
         """Whether the surface has no hole and one orientation."""
         return is_closed(self.mesh)
+
+    @cached_property
+    def topology(self) -> tuple[int, int]:
+        """How many closed surfaces hang together, and how many handles they have in all."""
+        return topology(self.mesh)
 
     @cached_property
     def _solid(self) -> Manifold:
@@ -130,7 +135,9 @@ def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random
     there, detail = drawn.points, drawn.detail
     if predicted is None:
         lost = nowhere(truth.side)
-        figures = compare(lost, lost, truth.side) | {"iou": 0.0, "closed": 0.0}
+        figures = compare(lost, lost, truth.side) | dict.fromkeys(
+            ("iou", "closed", "same_components", "same_genus"), 0.0
+        )
         return figures | _of_detail(lost, lost, truth.side, detail) | {"detail_share": float(detail.mean())}
     here, here_normals = _sample(predicted, len(there), rng)
     distance, faces, _ = predicted.distance.closest(there)
@@ -143,6 +150,8 @@ def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random
         **compare(forth, back, truth.side),
         "iou": predicted.iou(truth),
         "closed": float(predicted.closed),
+        "same_components": float(predicted.topology[0] == truth.topology[0]),
+        "same_genus": float(predicted.topology[1] == truth.topology[1]),
         **_of_detail(forth, back, truth.side, detail),
         "detail_share": float(detail.mean()),
     }

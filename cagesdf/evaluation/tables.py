@@ -15,7 +15,7 @@ TABLES = {"table1": lambda row: row["step"] == 0, "table2": lambda row: row["hel
 
 
 def gather_tables(scores: Mapping[str, tuple[Mapping[str, Rows], Mapping[str, Any]]]) -> dict[str, Any]:
-    """`{"about": …, "table1": {category: {arm: {metric: {"mean", "std", "n"}}}}, "table2": …}`.
+    """`{"about": …, "table1": {category: {arm: {metric: {"mean", "std", "min", "max", "n"}}}}, "table2": …}`.
 
     `scores[category]` are a file's contents: rows by arm as `score` gives them, with shape_id,
     step, held_out and seed; and what the figures mean, which becomes `about`. Step 0 goes to
@@ -40,10 +40,10 @@ def gather_tables(scores: Mapping[str, tuple[Mapping[str, Rows], Mapping[str, An
 
 
 def summarise(rows: Rows) -> dict[str, dict[str, float | int | None]]:
-    """Mean and sample standard deviation over deformed shapes, and their number, of each metric; seeds are averaged.
+    """Mean, sample standard deviation, least and largest over deformed shapes, and their number; seeds are averaged.
 
     A figure that a shape doesn't have (NaN: it has no detail) is left out, and `n` tells; with
-    none left, mean and std are None. The std of one shape is 0.
+    none left, all but n are None. The std of one shape is 0.
     """
     grouped: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
     for row in rows:
@@ -55,6 +55,8 @@ def summarise(rows: Rows) -> dict[str, dict[str, float | int | None]]:
         result[metric] = {
             "mean": float(np.mean(means)) if means else None,
             "std": (float(np.std(means, ddof=1)) if len(means) > 1 else 0.0) if means else None,
+            "min": min(means) if means else None,
+            "max": max(means) if means else None,
             "n": len(means),
         }
     return result

@@ -14,11 +14,9 @@ surface.py    `extract`, and `LiveSurface` for edits
 
 from cagesdf.extraction.asking import METHODS, ask_densely, ask_sparsely
 from cagesdf.extraction.field import CUBE, CageField, field_of
-from cagesdf.extraction.marching import NOTHING, Part
+from cagesdf.extraction.marching import NOTHING, PREVIEW, USUAL, Fineness, Part
 from cagesdf.extraction.promises import LOOSE, SYMMETRIES
 from cagesdf.extraction.surface import (
-    LEAST,
-    PREVIEW_LEAST,
     Each,
     Extraction,
     LiveSurface,
@@ -28,15 +26,16 @@ from cagesdf.extraction.surface import (
 
 __all__ = [
     "CUBE",
-    "LEAST",
     "LOOSE",
     "METHODS",
     "NOTHING",
-    "PREVIEW_LEAST",
+    "PREVIEW",
     "SYMMETRIES",
+    "USUAL",
     "CageField",
     "Each",
     "Extraction",
+    "Fineness",
     "LiveSurface",
     "Part",
     "ask_densely",

@@ -19,7 +19,7 @@ ROWS = 96  # numbers of points are rounded up to this: libraries compute what is
 # Of values beyond this, in the decoder's unit, only the sign counts: there networks haven't learnt distances.
 REACH: Mapping[TrainsOn, float] = {"part": 0.5, "cage": OUTSIDE, "cube": OUTSIDE}
 # Where decoders are asked that don't know cuboids.
-CUBE = Cage.of({"cube": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
+CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
 
 
 class CageField:
@@ -68,10 +68,12 @@ class CageField:
         return torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1]).to(self.codes)
 
 
-def field_of(decoder: Decoder, latent: Float[Tensor, " d"], cage: Cage) -> CageField:
-    """What a decoder makes of a latent and a cage; the cage plays no part where it doesn't know cuboids (DeepSDF).
+def field_of(decoder: Decoder, latent: Float[Tensor, " d"], cage: Cage, seen: Cage | None = None) -> CageField:
+    """What a decoder makes of a latent and a cage; parts have the codes of the cage `seen`, if that is another one.
 
-    Such a decoder is asked in one cuboid, the cube [-HALF_EXTENT, HALF_EXTENT]³.
+    A decoder that doesn't know cuboids (DeepSDF) is asked in one, the cube [-HALF_EXTENT, HALF_EXTENT]³; the cages play
+    no part.
     """
-    asked = CUBE if decoder.trains_on == "cube" else cage
-    return CageField(decoder, part_codes(decoder, latent, asked), asked)
+    if decoder.trains_on == "cube":
+        cage = seen = CUBE
+    return CageField(decoder, part_codes(decoder, latent, cage if seen is None else seen), cage)

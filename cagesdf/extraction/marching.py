@@ -18,13 +18,22 @@ from cagesdf.solid import as_manifold, from_manifold
 NUDGE = 1e-3
 # A vertex is moved by no more than this towards the zero set, in steps along each axis.
 FARTHEST = 0.4
-# Faces are made fewer where that moves the surface by no more than this, in the shortest steps: of a 64th of its
-# length (docs/extraction.md), and two to five times fewer.
-EVEN = 0.05
 # A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
 # of the most that it can.
 CLIP_TOLERANCE = 0.25
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """What a part is given, however small it is."""
+
+    least: int  # cells along each axis of its cuboid
+    even: float  # faces are made fewer where that moves the surface by no more, in the shortest steps
+
+
+USUAL = Fineness(16, 0.05)
+PREVIEW = Fineness(12, 0.2)  # where a surface is to be there at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +50,13 @@ class Part:
     asked: int  # points given to the network
 
 
-def part_of(field: CageField, cuboid: int, cell: float, least: int, method: Method) -> Part:
-    """The solid that a field has in one of its cuboids, on `Lattice.of(…, cell, least)`."""
+def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
+    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units."""
 
     def ask(points: Float[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
         return field.ask(points, cuboid)
 
-    lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, least)
+    lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, fineness.least)
     answers = method(ask, field.reach(cuboid), lattice)
     asked = answers.asked
     marched = march(answers.values, lattice)
@@ -55,7 +64,7 @@ def part_of(field: CageField, cuboid: int, cell: float, least: int, method: Meth
     clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
     mesh, drawn_by = drawn(marched, ask, lattice)
     del marched
-    solid = as_manifold(mesh).simplify(EVEN * float(lattice.steps.min()))
+    solid = as_manifold(mesh).simplify(fineness.even * float(lattice.steps.min()))
     return Part(from_manifold(solid), solid, len(mesh.vertices), clipped, asked + drawn_by)
 
 

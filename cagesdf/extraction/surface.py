@@ -3,19 +3,17 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from manifold3d import Manifold, OpType
 
 from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
-from cagesdf.extraction.marching import NOTHING, Part, part_of
+from cagesdf.extraction.marching import NOTHING, USUAL, Fineness, Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
 from cagesdf.solid import from_manifold
-
-LEAST = 16  # cells along each axis of a cuboid, however thin
-PREVIEW_LEAST = 12  # the same where a surface is to be there at once
 
 Loose = Callable[[Mesh], Mesh]  # from a mesh to what of it is kept; one of LOOSE
 Symmetry = Callable[[Mesh, Meshes, Cage], tuple[Mesh, Meshes]]  # one of SYMMETRIES
@@ -48,17 +46,17 @@ def extract(
     loose: Loose = keep_loose,
     symmetry: Symmetry = symmetric_none,
     each: Each = map,
-    least: int = LEAST,
+    fineness: Fineness = USUAL,
 ) -> Extraction:
     """The zero surface of a field (§3.6): cuboid by cuboid, each cut by its faces, and united exactly; canonical frame.
 
     Cells are at most as long as `resolution` of them along [-HALF_EXTENT, HALF_EXTENT], and each cuboid has at least
-    `least` along each of its axes. `each` goes through the cuboids that are asked, in as many threads as the
+    `fineness.least` along each of its axes. `each` goes through the cuboids that are asked, in as many threads as the
     caller wants; the surface is the same. Raises InputError if the network gives values that are not
     finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is promised (see
     `check`).
     """
-    return LiveSurface(resolution, method, loose, symmetry, each, least).surface(field)
+    return LiveSurface(resolution, method, loose, symmetry, each, fineness).surface(field)
 
 
 def extract_surface(field: CageField, resolution: int) -> Mesh:
@@ -80,7 +78,7 @@ class LiveSurface:
         loose: Loose = keep_loose,
         symmetry: Symmetry = symmetric_none,
         each: Each = map,
-        least: int = LEAST,
+        fineness: Fineness = USUAL,
     ) -> None:
         """As for `extract`."""
         self.cell = 2 * HALF_EXTENT / resolution
@@ -88,7 +86,7 @@ class LiveSurface:
         self.loose = loose
         self.symmetry = symmetry
         self.each = each
-        self.least = least
+        self.fineness = fineness
         self._last: dict[bytes, Part] = {}
         self._before: dict[bytes, Part] = {}
 
@@ -100,7 +98,7 @@ class LiveSurface:
         keys = field.keys()
         known = self._before | self._last
         unknown = {key: k for k, key in enumerate(keys) if key not in known}
-        found = self.each(lambda k: part_of(field, k, self.cell, self.least, self.method), unknown.values())
+        found = self.each(lambda k: part_of(field, k, self.cell, self.fineness, self.method), unknown.values())
         new = dict(zip(unknown, found))
         parts = [(known | new)[key] for key in keys]
         self._before, self._last = self._last, dict(zip(keys, parts))
@@ -111,7 +109,7 @@ class LiveSurface:
         held = [part.solid for part in parts if len(part.mesh.faces)]
         if not held:
             return Extraction(NOTHING, meshes, asked, 0.0, 0, 0, 0.0)
-        whole = from_manifold(Manifold.batch_boolean(held, OpType.Add))
+        whole = in_order(from_manifold(Manifold.batch_boolean(held, OpType.Add)))
         whole, meshes = self.symmetry(whole, meshes, cage)
         mesh = self.loose(whole)
         overshoot = check(mesh, cage, self.cell)
@@ -119,3 +117,12 @@ class LiveSurface:
         dropped = 0 if mesh is whole else count_pieces(whole) - components
         clipped = sum(part.clipped for part in parts) / sum(part.vertices for part in parts)
         return Extraction(mesh, meshes, asked, clipped, components, dropped, overshoot)
+
+
+def in_order(mesh: Mesh) -> Mesh:
+    """The faces of a closed, manifold mesh by their first edge.
+
+    manifold3d has them in the order in which the solids that they are of were made, which threads and edits change.
+    """
+    tail, head = mesh.faces[:, :2].T.astype(np.int64)
+    return Mesh(mesh.vertices, mesh.faces[np.argsort(tail * len(mesh.vertices) + head)])

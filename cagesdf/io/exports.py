@@ -1,13 +1,15 @@
 """Surfaces for other programs: PLY, STL, OBJ and glTF, in the frame and unit of the user's files.
 
-.ply   the surface
-.stl   the surface as one solid: cut into parts none of its solids would be closed
-.obj   an object for each part, named as the part, over shared vertices
-.glb   scene "surface", the one that is shown, and scene "cuboids", a node a part in each
+.ply   the surface: one closed mesh
+.stl   the same
+.obj   an object for each part, named as the part, closed
+.glb   scene "parts", the one that is shown, a node for each part, closed; scene "surface", one node; scene "cuboids",
+       a node a part
 
-Cuboids that other formats are to have go into a file of their own: readers that join all objects would count them as
-surface. Positions are exact to float32 of the shape's own size wherever it stands: far from the origin .obj and .ply
-have them in double precision, .glb from a node's translation, and .stl, whose numbers are float32, is refused.
+Parts run into each other where the shape's do; the surface is their union. Cuboids that other formats are to have go
+into a file of their own: readers that join all objects would count them as surface. Positions are exact to float32 of
+the shape's own size wherever it stands: far from the origin .obj and .ply have them in double precision, .glb from a
+node's translation, and .stl, whose numbers are float32, is refused.
 
 Equal models give equal bytes: no times, no names of machines or libraries' versions.
 """
@@ -39,55 +41,69 @@ SMALLEST, LARGEST = 1e-30, 1e30  # longest sides, user's unit: what float32 has 
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """A mesh whose faces belong to named parts."""
-
-    mesh: Mesh  # from the model's origin
-    owner: Int[ndarray, " f"]  # by face, the number of its part
-    parts: tuple[str, ...]  # distinct names, on one line each
-
-    def faces(self) -> dict[str, Int[ndarray, "_ 3"]]:
-        """The faces by part, without parts that have none."""
-        faces = {part: self.mesh.faces[self.owner == i] for i, part in enumerate(self.parts)}
-        return {part: subset for part, subset in faces.items() if len(subset)}
-
-
-@dataclass(frozen=True, eq=False)
 class Model:
-    """A surface cut into parts, and their cuboids. Frame: the user's, from `origin`."""
+    """A surface, the parts whose union it is, and their cuboids. Frame: the user's, from `origin`."""
 
-    surface: Mesh  # closed, outwards; as `as_stored` makes it
-    owner: Int[ndarray, " f"]  # by face, the number of its part
-    cuboids: Mapping[str, Mesh]  # by the part's name, in the order of the numbers
+    surface: Mesh  # closed, outward; as `as_stored` makes it
+    parts: Mapping[str, Mesh]  # by name, those that have faces; closed, outward, stored in the same way
+    cuboids: Mapping[str, Mesh]  # by name
     origin: Float[ndarray, " 3"]  # user's frame; 0 for all shapes but those that are far from there
 
     @staticmethod
-    def of(
-        mesh: Mesh,
-        cuboids: Mapping[str, Mesh],
-        owner_of: Callable[[Float[ndarray, "f 3"]], Int[ndarray, " f"]],
-    ) -> "Model":
-        """A model of a surface and cuboids in the user's frame; `owner_of` tells faces' parts by their middles, there.
+    def of(mesh: Mesh, parts: Mapping[str, Mesh], cuboids: Mapping[str, Mesh]) -> "Model":
+        """A model of a surface, parts and cuboids in the user's frame; names are distinct, on one line each.
 
         Raises InputError as `as_stored`.
         """
-        surface, origin = as_stored(mesh)
-        boxes = {part: box.with_vertices(box.vertices - origin) for part, box in cuboids.items()}
-        return Model(surface, owner_of(surface.corners().mean(axis=1) + origin), boxes, origin)
-
-    def pieces(self) -> Pieces:
-        """The surface by part."""
-        return Pieces(self.surface, self.owner, tuple(self.cuboids))
-
-    def boxes(self) -> Pieces:
-        """The cuboids by part."""
-        boxes = [*self.cuboids.values()]
-        owner = np.repeat(np.arange(len(boxes)), [len(box.faces) for box in boxes])
-        return Pieces(join(boxes), owner, tuple(self.cuboids))
+        place = Place.of(mesh)
+        stored = {part: place.stored(solid) for part, solid in parts.items()}
+        boxes = {part: box.with_vertices(box.vertices - place.origin) for part, box in cuboids.items()}
+        held = {part: solid for part, solid in stored.items() if len(solid.faces)}
+        return Model(place.stored(mesh), held, boxes, place.origin)
 
 
-# What is written: scenes by name, the one that is shown first.
-Scenes = Mapping[str, Pieces]
+# What is written: meshes by name, in scenes by name, the one that is shown first.
+Scenes = Mapping[str, Mapping[str, Mesh]]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where and how finely the vertices of a shape are stored."""
+
+    origin: Float[ndarray, " 3"]  # that they are given from, the mesh's own frame
+    step: float  # between the numbers that they may have, mesh units; 0: float32's
+
+    @staticmethod
+    def of(mesh: Mesh) -> "Place":
+        """For a mesh, and for whatever lies beside it. Raises InputError as `as_stored`."""
+        if not len(mesh.faces):
+            return Place(np.zeros(3), 0.0)
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        side, reach = float((high - low).max()), float(np.abs(mesh.vertices).max())
+        if not (SMALLEST <= side <= LARGEST and reach <= FARTHEST * side):
+            raise InputError(
+                f"the surface is {side:.3g} long and {reach:.3g} from the origin; files hold lengths from "
+                f"{SMALLEST:g} to {LARGEST:g}, at most {FARTHEST:.2g} times as far from the origin; move it there, or "
+                "use another unit"
+            )
+        if reach <= FAR * side:
+            return Place(np.zeros(3), 0.0)
+        unit = 2.0 ** np.ceil(np.log2(side))
+        step = max(unit * 2.0**-23, 2.0 ** (np.ceil(np.log2(reach)) - 52))
+        return Place(np.round((low + high) / 2 / unit) * unit, step)
+
+    def stored(self, mesh: Mesh) -> Mesh:
+        """A mesh from here, as all formats hold it; see `as_stored`."""
+        if not len(mesh.faces):
+            return mesh
+        positions = mesh.vertices
+        if self.step:
+            # Adding 0 makes -0 be 0.
+            positions = np.round((mesh.vertices - self.origin) / self.step) * self.step + 0.0
+        places, place = np.unique(positions.astype(np.float32), axis=0, return_inverse=True)
+        a, b, c = place.ravel()[mesh.faces].T
+        faces = np.stack([a, b, c], axis=1)[(a != b) & (b != c) & (c != a)]
+        return compact(Mesh(places.astype(np.float64), faces.astype(np.int32)))
 
 
 def as_stored(mesh: Mesh) -> tuple[Mesh, Float[ndarray, " 3"]]:
@@ -99,26 +115,8 @@ def as_stored(mesh: Mesh) -> tuple[Mesh, Float[ndarray, " 3"]]:
 
     Raises InputError for a mesh that is too large, too small or too far from the origin for these numbers.
     """
-    if not len(mesh.faces):
-        return mesh, np.zeros(3)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    side, reach = float((high - low).max()), float(np.abs(mesh.vertices).max())
-    if not (SMALLEST <= side <= LARGEST and reach <= FARTHEST * side):
-        raise InputError(
-            f"the surface is {side:.3g} long and {reach:.3g} from the origin; files hold lengths from {SMALLEST:g} to "
-            f"{LARGEST:g}, at most {FARTHEST:.2g} times as far from the origin; move it there, or use another unit"
-        )
-    origin, positions = np.zeros(3), mesh.vertices
-    if reach > FAR * side:
-        unit = 2.0 ** np.ceil(np.log2(side))
-        step = max(unit * 2.0**-23, 2.0 ** (np.ceil(np.log2(reach)) - 52))
-        origin = np.round((low + high) / 2 / unit) * unit
-        # Adding 0 makes -0 be 0.
-        positions = np.round((mesh.vertices - origin) / step) * step + 0.0
-    places, place = np.unique(positions.astype(np.float32), axis=0, return_inverse=True)
-    a, b, c = place.ravel()[mesh.faces].T
-    faces = np.stack([a, b, c], axis=1)[(a != b) & (b != c) & (c != a)]
-    return compact(Mesh(places.astype(np.float64), faces.astype(np.int32))), origin
+    place = Place.of(mesh)
+    return place.stored(mesh), place.origin
 
 
 def write_model(path: Path, model: Model) -> None:
@@ -126,17 +124,18 @@ def write_model(path: Path, model: Model) -> None:
 
     Raises InputError for another ending, and for .stl far from the origin.
     """
-    _write(path, model.origin, {"surface": model.pieces(), "cuboids": model.boxes()})
+    scenes = {"parts": model.parts, "surface": {"surface": model.surface}, "cuboids": model.cuboids}
+    _write(path, model.origin, model.surface, scenes)
 
 
 def write_boxes(path: Path, model: Model) -> None:
     """Write a model's cuboids alone, as `write_model` writes surfaces."""
-    _write(path, model.origin, {"cuboids": model.boxes()})
+    _write(path, model.origin, join([*model.cuboids.values()]), {"cuboids": model.cuboids})
 
 
-def _write(path: Path, origin: Float[ndarray, " 3"], scenes: Scenes) -> None:
+def _write(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Scenes) -> None:
     check_name(path)
-    WRITERS[path.suffix.lower()](path, origin, scenes)
+    WRITERS[path.suffix.lower()](path, origin, whole, scenes)
 
 
 def check_name(path: Path) -> None:
@@ -145,39 +144,34 @@ def check_name(path: Path) -> None:
         raise InputError(f"{path}: wanted a name that ends in {', '.join(WRITERS)}")
 
 
-def _shown(scenes: Scenes) -> Pieces:
-    return next(iter(scenes.values()))
-
-
 def _positions(mesh: Mesh, origin: Float[ndarray, " 3"]) -> Float[ndarray, "v 3"]:
     """Vertices in the user's frame: float32 near the origin, float64 far from there."""
     return mesh.vertices + origin if origin.any() else mesh.vertices.astype(np.float32)
 
 
-def _write_ply(path: Path, origin: Float[ndarray, " 3"], scenes: Scenes) -> None:
-    mesh = _shown(scenes).mesh
-    write_ply(path, mesh.with_vertices(mesh.vertices + origin), "double" if origin.any() else "float")
+def _write_ply(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Scenes) -> None:
+    write_ply(path, whole.with_vertices(whole.vertices + origin), "double" if origin.any() else "float")
 
 
-def _write_stl(path: Path, origin: Float[ndarray, " 3"], scenes: Scenes) -> None:
-    mesh = _shown(scenes).mesh
+def _write_stl(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Scenes) -> None:
     if origin.any():
         reach = np.abs(origin).max()
         raise InputError(
             f"{path.suffix}: the shape is {reach:,.0f} from the origin, where STL's float32 numbers are "
             f"{np.spacing(np.float32(reach)):.2g} apart; write .obj, .ply or .glb, or move the shape to the origin"
         )
-    normals = face_normals(mesh)
+    normals = face_normals(whole)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     triangles = np.zeros(len(normals), TRIANGLE)
     triangles["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    triangles["corners"] = mesh.corners()
+    triangles["corners"] = whole.corners()
     path.write_bytes(bytes(80) + np.uint32(len(triangles)).astype("<u4").tobytes() + triangles.tobytes())
 
 
-def _write_obj(path: Path, origin: Float[ndarray, " 3"], scenes: Scenes) -> None:
-    pieces = _shown(scenes)
-    path.write_text(obj([(_positions(pieces.mesh, origin), pieces.faces())]), encoding="utf-8", newline="\n")
+def _write_obj(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Scenes) -> None:
+    shown = next(iter(scenes.values()))
+    groups = [(_positions(mesh, origin), {name: mesh.faces}) for name, mesh in shown.items()]
+    path.write_text(obj(groups), encoding="utf-8", newline="\n")
 
 
 def obj(groups: Iterable[tuple[Float[ndarray, "_ 3"], Mapping[str, Int[ndarray, "_ 3"]]]]) -> str:
@@ -195,10 +189,9 @@ def obj(groups: Iterable[tuple[Float[ndarray, "_ 3"], Mapping[str, Int[ndarray, 
     return "\n".join(lines) + "\n"
 
 
-def _write_glb(path: Path, origin: Float[ndarray, " 3"], scenes: Scenes) -> None:
+def _write_glb(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Scenes) -> None:
     gltf = _Gltf()
-    for name, pieces in scenes.items():
-        meshes = {part: compact(Mesh(pieces.mesh.vertices, faces)) for part, faces in pieces.faces().items()}
+    for name, meshes in scenes.items():
         gltf.add_scene(name, meshes, origin)
     path.write_bytes(gltf.packed())
 
@@ -212,7 +205,7 @@ class _Gltf:
         self._bytes = bytearray()
 
     def add_scene(self, name: str, meshes: Mapping[str, Mesh], origin: Float[ndarray, " 3"]) -> None:
-        """A scene with a node, moved to `origin`, and a mesh for each part."""
+        """A scene with a node, moved to `origin`, for each mesh."""
         translation = {"translation": origin.tolist()} if origin.any() else {}
         nodes = []
         for part, mesh in meshes.items():
@@ -248,7 +241,7 @@ class _Gltf:
         return b"glTF" + np.array([2, 12 + len(chunks)], "<u4").tobytes() + chunks
 
 
-WRITERS: dict[str, Callable[[Path, Float[ndarray, " 3"], Scenes], None]] = {
+WRITERS: dict[str, Callable[[Path, Float[ndarray, " 3"], Mesh, Scenes], None]] = {
     ".ply": _write_ply,
     ".obj": _write_obj,
     ".stl": _write_stl,

@@ -1,7 +1,7 @@
 """What `cagesdf fit` writes: a shape that was not trained on, as a network has it.
 
 cuboids.parquet, programs.parquet   as fit_cuboids writes them, for one shape
-latent.safetensors                  latent (d); film (p, l, 2, h): what is added to FiLM's scales and shifts, by part
+latent.safetensors                  latent (d); residual (p, k): what is added to the code of each part
 surface.ply                         the surface, in the user's frame and unit
 report.json                         the verdict, and how near all this comes
 """
@@ -29,28 +29,28 @@ def write_fit(
     folder: Path,
     fitted: FittedCage,
     latent: Float[Tensor, " d"],
-    film: Float[Tensor, "p l 2 h"],
+    residual: Float[Tensor, "p k"],
     surface: Model,
     report: Mapping[str, Any],
 ) -> None:
     """Write FILES into an existing folder; `cuboids.parquet` is canonical. `report` names the shape."""
     write_cuboids(folder, {report["shape_id"]: fitted})
-    tensors = {"latent": latent, "film": film}
+    tensors = {"latent": latent, "residual": residual}
     (folder / LATENT).write_bytes(save({name: value.detach().cpu().contiguous() for name, value in tensors.items()}))
     write_model(folder / "surface.ply", surface)
     text = json.dumps(report, indent=1, ensure_ascii=False) + "\n"
     (folder / "report.json").write_text(text, encoding="utf-8", newline="\n")
 
 
-def read_fit_latent(folder: Path) -> tuple[Float[Tensor, " d"], Float[Tensor, "p l 2 h"]]:
+def read_fit_latent(folder: Path) -> tuple[Float[Tensor, " d"], Float[Tensor, "p k"]]:
     """A fitted shape's latent and its parts' residuals. Raises InputError for a file that isn't one of ours."""
     path = folder / LATENT
     if not path.is_file():
         raise InputError(f"{path}: no such file; wanted a folder that `cagesdf fit` wrote")
     sizes, _ = read_header(path)
-    if {name: len(size) for name, size in sizes.items()} != {"film": 4, "latent": 1} or sizes["film"][2] != 2:
+    if {name: len(size) for name, size in sizes.items()} != {"latent": 1, "residual": 2}:
         raise InputError(
-            f"{path}: holds {str(sizes)[:200]}, wanted latent (d) and film (p, l, 2, h); run `cagesdf fit` again"
+            f"{path}: holds {str(sizes)[:200]}, wanted latent (d) and residual (p, k); run `cagesdf fit` again"
         )
     tensors = read_tensors(path, sizes)
-    return tensors["latent"], tensors["film"]
+    return tensors["latent"], tensors["residual"]

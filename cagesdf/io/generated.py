@@ -94,6 +94,7 @@ class GeneratedShape:
     rooted: bool  # as `stability` has it; False without cuboids
     stable: bool
     points: Float32[ndarray, "n 3"]  # on the surface, canonical; none where there is no surface
+    parts: Mapping[str, Mesh]  # closed, whose union the mesh is; not written
 
     def row(self) -> dict[str, Any]:
         """Of the index."""

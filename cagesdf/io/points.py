@@ -40,7 +40,7 @@ POINTS = Layout(
         Column(
             "sdf",
             pa.float32(),
-            "signed distance to the surface of the deformed shape, or of its part (`of`); canonical units",
+            "signed distance to the surface of the deformed shape or of its part; canonical units",
         ),
         Column("where", _IDS, "near: importance sampled, or around the part; uniform: in the cube or in the cuboid"),
     ),
@@ -115,7 +115,7 @@ def shard_path(folder: Path, of: PointsOf, number: int) -> Path:
 def write_shard(path: Path, pieces: Sequence[PointChunks], rng: np.random.Generator, **facts: object) -> int:
     """Write one shard, the chunks of all pieces in an order drawn from `rng`; returns the number of rows.
 
-    `facts` (whose surface, sampler, seeds, counts) join the schema's block. Peak memory beyond `pieces`: one row group.
+    `facts` (of what, sampler, seeds, counts) join the schema's block. What is held beside `pieces` is a row group.
     """
     schema = POINTS.schema(**facts)
     ends = np.cumsum([len(piece) for piece in pieces])

@@ -23,7 +23,7 @@ MEANINGS = {
 }
 SCORES = Layout(
     "scores",
-    1,
+    2,
     (
         Column("arm", pa.string(), "what gave the surface"),
         Column("shape_id", pa.string(), "the source"),
@@ -33,6 +33,8 @@ SCORES = Layout(
         *(Column(name, pa.float64(), meaning) for name, meaning in MEANINGS.items()),
         Column("iou", pa.float64(), "volume of the intersection over volume of the union"),
         Column("closed", pa.float64(), "1 if the surface has no hole and one orientation"),
+        Column("same_components", pa.float64(), "1 if it has as many closed pieces as the true one"),
+        Column("same_genus", pa.float64(), "1 if it has as many handles as the true one"),
         *(
             Column(f"{name}_detail", pa.float64(), f"{name} of the detail alone; NaN where there is none")
             for name in MEANINGS

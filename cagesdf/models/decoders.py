@@ -36,7 +36,7 @@ class Decoder(nn.Module, ABC):
         return latent[:, None].expand(-1, cuboids.shape[1], -1)
 
     def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
-        """The length that distances are clamped in, canonical units: here 1."""
+        """The length that distances are measured in as they are learnt, canonical units: here 1."""
         return torch.ones_like(cuboid[:, 0])
 
     @abstractmethod

@@ -89,7 +89,7 @@ class TriplaneDecoder(Decoder):
         return self.out(hidden)[..., 0] * condition[:, -1:]
 
     def read(self, planes: Float[Tensor, "g f"], unit: Float[Tensor, "g n 3"]) -> Float[Tensor, "g n c"]:
-        """The planes' features at points of the unit frame: bilinear between cells, the border's beyond the planes."""
+        """The planes' features at points of the unit frame, between cells bilinearly; beyond, the border's."""
         count, points = unit.shape[:2]
         places = torch.stack([unit[..., axes] for axes in PLANES], dim=1) * (2 / (1 + 2 * BEYOND))
         found = grid_sample(

@@ -40,6 +40,14 @@ METRICS = (
     Metric("nc_signed", "normals, signed", True, "the same with the sign: inside-out surfaces count as wrong."),
     Metric("iou", "IoU", True, "volume of the intersection over volume of the union."),
     Metric("closed", "closed", True, "share of the surfaces without holes, consistently oriented."),
+    Metric(
+        "same_components", "pieces", True,
+        "share of the surfaces with as many closed pieces, shells of cavities too, as the true one.",
+    ),
+    Metric(
+        "same_genus", "handles", True,
+        "share of the surfaces with as many handles (genus, summed over the pieces) as the true one.",
+    ),
 )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch
-from cagesdf.training.losses import shape_l1
+from cagesdf.training.losses import distance_errors, shape_mean
 from cagesdf.training.precision import Precision
 
 SLICE = {"cpu": 32}  # groups whose activations are held at once; elsewhere LARGE
@@ -42,7 +42,7 @@ class Gradients:
         self.parameters = list(decoder.parameters())
 
     def add(self, batch: Batch, weight: float) -> Tensor:
-        """Add the gradient of `weight` × `shape_l1` to those of parameters and latents; returns that value.
+        """Add the gradient of `weight` × `shape_mean` to those of parameters and latents; returns that value.
 
         The batch has the cages of its own groups alone.
         """
@@ -71,8 +71,8 @@ class Gradients:
         with torch.autocast(cuboid.device.type, torch.bfloat16, enabled=self.products == torch.bfloat16):
             condition = self.decoder.condition(own, cuboid)
         predicted = self.decoder.at(self.decoder.features(groups.points, cuboid), condition, self.products)
-        clamp = self.clamp * self.decoder.unit(cuboid)[:, None] if self.clamp else None
-        l1 = shape_l1(predicted, groups.sdf, groups.weight, clamp)
+        errors = distance_errors(predicted, groups.sdf, self.decoder.unit(cuboid), self.clamp)
+        l1 = shape_mean(errors, groups.weight)
         l1 = l1 * (weight * len(groups.weight) / len(batch.weight))
         *gradients, to_code = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)
         return l1.detach(), tuple(gradients), to_code

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from cagesdf.models.decoders import Decoder
 from cagesdf.training.batches import Batch
+from cagesdf.training.losses import distance_errors
 
 BLOCK = 64  # groups that go through the network together where nothing is learnt
 
@@ -31,12 +32,11 @@ class InferenceSettings:
     residual_rate: float  # the same of the residual
     code_weight: float  # of the code's squared norm
     residual_weight: float  # of the squared norm of a part's residual, in the mean over parts
-    clamp: float  # of distances, in the decoder's unit; 0: none
 
 
 @dataclass(frozen=True, eq=False)
 class Inferred:
-    """A code and a residual, and how well the decoder fits the shape: mean |sdf error|, canonical units."""
+    """A code and a residual, and how well the decoder fits the shape: mean |sdf error|, in the decoder's unit."""
 
     code: Float[Tensor, " d"]
     residual: Float[Tensor, "p k"]  # by part, what is added to its code
@@ -53,23 +53,24 @@ def infer(
     decoder: Decoder,
     candidates: Float[Tensor, "r d"],
     groups: Batch,
+    clamp: float,
     settings: InferenceSettings,
     seed: int,
 ) -> Inferred:
     """The code and the residual with which a decoder fits a shape's points.
 
     The best of `candidates`, such as training codes and their mean, are the starts. `groups` are of one cage; their
-    latent rows and weights play no part. `decoder` knows cuboids, its
-    parameters are without gradients. What is found is no worse than the best start, and than the code alone; the
+    latent rows and weights play no part. `decoder` knows cuboids, its parameters are without gradients; errors are in
+    its unit, clamped as in its training. What is found is no worse than the best start, and than the code alone; the
     candidates' order plays no part but for ties.
     """
     generator = torch.Generator().manual_seed(seed)
     count = len(groups.sdf)
-    shape = OneShape(decoder, groups, settings.clamp)
+    shape = OneShape(decoder, groups, clamp)
     tried = OneShape(
         decoder,
         groups.take(torch.randperm(count, generator=generator)[: settings.tried].to(groups.sdf.device)),
-        settings.clamp,
+        clamp,
     )
     first = torch.tensor([tried.mean_error(code) for code in tried.codes(candidates)])
     starts = first.argsort(stable=True)[: settings.starts]
@@ -108,7 +109,7 @@ class OneShape:
 
     decoder: Decoder
     groups: Batch  # of one cage
-    clamp: float  # as in InferenceSettings
+    clamp: float  # of distances, in the decoder's unit; 0: none
 
     def codes(self, latents: Float[Tensor, "r d"]) -> Float[Tensor, "r p k"]:
         """What the decoder makes of the cage's parts with each of these latents."""
@@ -116,13 +117,10 @@ class OneShape:
         return self.decoder.codes(latents, cages.cuboids.expand(count, -1, -1), cages.present.expand(count, -1))
 
     def errors(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, "g n"]:
-        """|sdf error| of these groups with these codes of the parts, clamped as in training."""
+        """|sdf error| of these groups with these codes of the parts, in the decoder's unit, clamped as in training."""
         some = self.groups.take(rows)
-        predicted, truth = self.decoder(some.points, codes[some.part], some.cuboid), some.sdf
-        if self.clamp:
-            limit = self.clamp * self.decoder.unit(some.cuboid)[:, None]
-            predicted, truth = predicted.clamp(-limit, limit), truth.clamp(-limit, limit)
-        return (predicted - truth).abs()
+        predicted = self.decoder(some.points, codes[some.part], some.cuboid)
+        return distance_errors(predicted, some.sdf, self.decoder.unit(some.cuboid), self.clamp)
 
     def error(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, ""]:
         """Mean of these."""
@@ -130,7 +128,7 @@ class OneShape:
 
     @torch.inference_mode()
     def mean_error(self, codes: Float[Tensor, "p k"]) -> float:
-        """Mean of all groups, canonical units."""
+        """Mean of all groups, in the decoder's unit."""
         pieces = torch.arange(len(self.groups.sdf), device=self.groups.sdf.device).split(BLOCK)
         return float(torch.cat([self.errors(codes, rows).mean(dim=1) for rows in pieces]).mean())
 

@@ -30,7 +30,7 @@ class TrainSettings:
     latent_learning_rate: float  # of the latents, as training starts
     schedule: Literal["cosine", "halve"]  # see `rate`
     halve_every: int  # steps; for the schedule of that name
-    clamp: float  # canonical units; 0: none
+    clamp: float  # of distances, in the decoder's unit; 0: none
     latent_weight: float  # λ
     precision: Precision  # of matrix products; weights and losses are float32
     log_every: int  # steps
@@ -52,7 +52,7 @@ def train(
     Several `ranks` call this alike, each with the whole of every batch, of which it takes its share;
     the first one's checkpoint is read and written, and all end with the same bits. A resumed training
     ends with the same bits as one that was never stopped. The log's rows hold
-    the means since the row before: step, loss, l1 (both canonical units) and the latents'
+    the means since the row before: step, loss, l1 (both in the decoder's unit) and the latents'
     root-mean-square norm. `report` is called with (steps done, loss) at each row, and first
     with where it starts from.
 

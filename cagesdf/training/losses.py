@@ -4,21 +4,26 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def shape_l1(
-    predicted: Float[Tensor, "g n"],
-    sdf: Float[Tensor, "g n"],
-    weight: Float[Tensor, " g"],
-    clamp: Float[Tensor, "g 1"] | None,
-) -> Float[Tensor, ""]:
-    """Mean over groups of weight × mean absolute error, canonical units.
+def distance_errors(
+    predicted: Float[Tensor, "g n"], sdf: Float[Tensor, "g n"], unit: Float[Tensor, " g"], clamp: float
+) -> Float[Tensor, "g n"]:
+    """|predicted − sdf|, both canonical, in the `unit` of each group (`Decoder.unit`).
+
+    Where `clamp` is not 0, both are clamped to ±`clamp` units first, as in DeepSDF: beyond it only the sign matters.
+    """
+    predicted, sdf = predicted / unit[:, None], sdf / unit[:, None]
+    if clamp:
+        predicted, sdf = predicted.clamp(-clamp, clamp), sdf.clamp(-clamp, clamp)
+    return (predicted - sdf).abs()
+
+
+def shape_mean(errors: Float[Tensor, "g n"], weight: Float[Tensor, " g"]) -> Float[Tensor, ""]:
+    """Mean over groups of weight × mean error.
 
     With the weights of `batches.shape_weights` it estimates the error averaged over each
-    deformed shape, then over shapes. With `clamp`, canonical units, prediction and truth are clamped to
-    ±`clamp` first, as in DeepSDF: beyond it only the sign matters.
+    deformed shape, then over shapes.
     """
-    if clamp is not None:
-        predicted, sdf = predicted.clamp(-clamp, clamp), sdf.clamp(-clamp, clamp)
-    return (weight * (predicted - sdf).abs().mean(dim=1)).mean()
+    return (weight * errors.mean(dim=1)).mean()
 
 
 def latent_penalty(latents: Float[Tensor, "r d"]) -> Float[Tensor, ""]:

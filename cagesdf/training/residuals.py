@@ -11,6 +11,7 @@ from cagesdf.io.points import PointChunks, count_groups, read_groups, shard_path
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch, cuboid_distance, kind_of, training_set
+from cagesdf.training.losses import distance_errors
 
 CHUNKS = 32  # of each shape that are asked at most: 2048 points
 
@@ -21,10 +22,11 @@ def rest_residuals(
     latents: LatentTable,
     sequences: Mapping[str, Sequence],
     reach: float,
+    clamp: float,
 ) -> dict[str, float]:
-    """Mean |sdf error| of each shape at rest over points such as it was trained on, canonical units; sorted by id.
+    """Mean |sdf error| of each shape at rest over points such as it was trained on, decoder's unit; by id, sorted.
 
-    Reads a shard's row group at a time. `reach` is that of `training_chunks`.
+    Reads a shard's row group at a time. `reach` is that of `training_chunks`, `clamp` that of `distance_errors`.
     """
     left: dict[str, int] = {}
     totals: dict[str, list[float]] = {}
@@ -34,7 +36,7 @@ def rest_residuals(
             if len(chunks) == 0:
                 continue
             groups = training_set(chunks, sequences, latents).to(latents.values.device)
-            errors = _errors(decoder, latents, groups)
+            errors = _errors(decoder, latents, groups, clamp)
             keep = np.ones_like(errors, dtype=bool)
             if decoder.trains_on == "cage":
                 keep = cuboid_distance(chunks.xyz, groups.cuboid.cpu().numpy()) <= reach
@@ -57,8 +59,8 @@ def _wanted(chunks: PointChunks, left: dict[str, int]) -> PointChunks:
 
 
 @torch.inference_mode()
-def _errors(decoder: Decoder, latents: LatentTable, groups: Batch) -> np.ndarray:
+def _errors(decoder: Decoder, latents: LatentTable, groups: Batch, clamp: float) -> np.ndarray:
     cages = groups.cages
     codes = decoder.codes(latents(cages.latent), cages.cuboids, cages.present)
     predicted = decoder(groups.points, codes[groups.shape, groups.part], groups.cuboid)
-    return (predicted - groups.sdf).abs().cpu().numpy()
+    return distance_errors(predicted, groups.sdf, decoder.unit(groups.cuboid), clamp).cpu().numpy()

@@ -13,9 +13,9 @@ from cagesdf.editing.script import Script, parse
 from cagesdf.editing.session import model_of
 from cagesdf.editing.state import State
 from cagesdf.errors import SHOWN, InputError
+from cagesdf.extraction import Extraction
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
 from cagesdf.io.exports import WRITERS, Model, write_boxes, write_model
-from cagesdf.meshes import Mesh
 from cagesdf.structure.parsing import parse as parse_program
 from cagesdf.structure.program import AssemblyProgram
 from cagesdf.text import decode
@@ -33,23 +33,23 @@ DAMAGED = (
 )  # fmt: skip
 
 
-def exported(mesh: Mesh, state: State, ending: str) -> bytes:
+def exported(found: Extraction, state: State, ending: str) -> bytes:
     """A state's surface as a file of one of FORMATS: what `cagesdf edit` writes.
 
     Raises InputError if there is no surface, and as `write_model`.
     """
-    return _content(write_model, mesh, state, ending)
+    return _content(write_model, found, state, ending)
 
 
-def exported_boxes(mesh: Mesh, state: State, ending: str) -> bytes:
+def exported_boxes(found: Extraction, state: State, ending: str) -> bytes:
     """A state's cuboids as a file of one of FORMATS: what `cagesdf edit --cuboids` writes. Raises as `exported`."""
-    return _content(write_boxes, mesh, state, ending)
+    return _content(write_boxes, found, state, ending)
 
 
-def _content(write: Callable[[Path, Model], None], mesh: Mesh, state: State, ending: str) -> bytes:
-    if not len(mesh.faces):
+def _content(write: Callable[[Path, Model], None], found: Extraction, state: State, ending: str) -> bytes:
+    if not len(found.mesh.faces):
         raise InputError("the network gives no surface for these cuboids in this style; nothing to export")
-    model = model_of(mesh, state)
+    model = model_of(found, state)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"shape.{ending}"
         write(path, model)

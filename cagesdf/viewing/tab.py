@@ -20,6 +20,7 @@ from cagesdf.editing.script import Axis, Blend, Build, End, Move, Operation, Res
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
+from cagesdf.extraction import Extraction
 from cagesdf.frames import Similarity
 from cagesdf.generating import draw_cages, of_program
 from cagesdf.generation.generator import Generated, Generator
@@ -392,12 +393,12 @@ class Tab:
         content = files.exported_boxes(self._fine(), self._document.state, ending)
         self._download(f"{self._document.shape_id}-cuboids.{ending}", content)
 
-    def _fine(self) -> Mesh:
-        """The surface that `cagesdf edit` gives, canonical."""
+    def _fine(self) -> Extraction:
+        """What `cagesdf edit` gives, canonical."""
         state, made = self._document.state, self._made
         if made is None or made.state is not state or made.cells != FINE:
-            return self._opened.session.live(FINE).surface(state).mesh
-        return made.found.mesh
+            return self._opened.session.live(FINE).surface(state)
+        return made.found
 
     def _download(self, name: str, content: bytes) -> None:
         self._client.send_file_download(name, content, save_immediately=True)

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
-from cagesdf.extraction import Extraction
-from cagesdf.extraction.joining import Part
+from cagesdf.extraction import PREVIEW, Extraction, Part
 from cagesdf.viewing.refusals import saying
 
-COARSE = 96  # cells
+COARSE = 64  # cells
 FINE = 128  # what `cagesdf edit` has without --resolution, so that what is seen is what is written
 REST = 0.3  # seconds
 
@@ -47,7 +46,7 @@ class Worker:
         network, and may be shared."""
         self._pool = pool
         self._show, self._fail = show, fail
-        self._coarse = session.live(COARSE, each=pool.map)
+        self._coarse = session.live(COARSE, each=pool.map, fineness=PREVIEW)
         self._fine = session.live(FINE, each=self._unless_overtaken)
         self._changed = threading.Condition()
         self._wanted: State | None = None
