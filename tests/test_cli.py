@@ -18,7 +18,7 @@ from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.io.meshes import write_ply
-from cagesdf.io.points import CHUNK, PointChunks, write_shard
+from cagesdf.io.points import CHUNK, PointChunks, PointsOf, shard_path, write_shard
 from cagesdf.io.runs import Run, write_run
 from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.models.arms import make_decoder
@@ -100,8 +100,8 @@ def trained(tmp_path: Path) -> Path:
     return write_trained(tmp_path / "runs" / "cagesdf", -0.05)
 
 
-def write_points(folder: Path) -> Path:
-    """Two shards of two chunks; a quarter of the points is inside, half near."""
+def write_points(folder: Path, kinds: tuple[PointsOf, ...] = ("shape",)) -> Path:
+    """Of each kind two shards of two chunks; a quarter of the points is inside, half near."""
     rng = np.random.default_rng(0)
     with artefact.write("points", folder, inputs={}, params=PARAMS) as out:
         for k in range(2):
@@ -109,9 +109,9 @@ def write_points(folder: Path) -> Path:
             near = np.tile(np.arange(CHUNK) % 2 == 0, (2, 1))
             whose = np.array([0, 0], np.int32), np.array([0, k], np.int32), np.array([0, k], np.int32)
             xyz = rng.uniform(-1, 1, (2, CHUNK, 3)).astype(np.float32)
-            write_shard(
-                out / f"shard-{k:03d}.parquet", [PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b"))], rng
-            )
+            chunks = PointChunks(*whose, xyz, sdf, near, (f"c{k}",), ("a", "b"))
+            for of in kinds:
+                write_shard(shard_path(out, of, k), [chunks], rng, of=of)
     return folder
 
 
@@ -145,9 +145,16 @@ def test_points_are_described_with_the_share_inside_and_counts_by_cuboid(command
     assert "a step     points: 0: 192, 1: 64" in text
     assert "a cuboid   points: c0 0 a: 128, c1 0 a: 64, c1 1 b: 64" in text
     assert "-0.05 to 0.05" in text
-    shard = command("inspect", tmp_path / "points" / "chair" / "shard-001.parquet")
-    assert "shard-001.parquet: points, 128 rows" in shard
+    shard = command("inspect", tmp_path / "points" / "chair" / "shape-0001.parquet")
+    assert "shape-0001.parquet: points, 128 rows" in shard
     assert "c1 0 a: 64, c1 1 b: 64" in shard
+
+
+def test_points_of_shapes_and_of_parts_are_described_apart(command: Command, tmp_path: Path) -> None:
+    text = command("inspect", write_points(tmp_path / "points" / "chair", ("shape", "part")))
+    for of in ("shape", "part"):
+        assert f"{of}-0000.parquet … {of}-0001.parquet: points, 256 rows in 2 files" in text
+        assert f"of {of}" in text
 
 
 def test_points_are_drawn_as_a_slice(command: Command, tmp_path: Path) -> None:
@@ -155,7 +162,7 @@ def test_points_are_drawn_as_a_slice(command: Command, tmp_path: Path) -> None:
     command("inspect", points, "--picture", tmp_path / "slice.png")
     assert (tmp_path / "slice.png").read_bytes().startswith(b"\x89PNG")
     assert "ends in .png" in command.complaint("inspect", points, "--picture", tmp_path / "slice.gif")
-    command("inspect", points / "shard-001.parquet", "--picture", tmp_path / "shard.png")
+    command("inspect", points / "shape-0001.parquet", "--picture", tmp_path / "shard.png")
     assert (tmp_path / "shard.png").is_file()
 
 
