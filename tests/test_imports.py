@@ -36,11 +36,14 @@ ALLOWED = {
     "stability": RECORDS | {"matching"},
     "simulation": RECORDS | {"stability"},
     "io": RECORDS | {"fitting", "matching", "models", "evaluation", "generation"},
+    "point_chunks": RECORDS | SOLIDS | {"sampling", "part_sampling", "io"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | SOLIDS | {"models"},
     "editing": RECORDS | {"solid", "deformation", "io", "extraction"},
     "evaluation": RECORDS | SOLIDS | {"matching", "deformation", "synthesis"},
-    "inference": RECORDS | SOLIDS | {"fitting", "sampling", "io", "models", "training", "extraction", "evaluation"},
+    "inference": RECORDS
+    | SOLIDS
+    | {"deformation", "fitting", "point_chunks", "sampling", "io", "models", "training", "extraction", "evaluation"},
     "generating": RECORDS | {"generation", "stability", "simulation", "io", "extraction"},
     "rendering": RECORDS | SOLIDS,
     "demo": set(),
