@@ -24,7 +24,6 @@ SETTINGS = InferenceSettings(
     residual_rate=0.03,
     code_weight=1e-6,
     residual_weight=1e-6,
-    clamp=0.0,
 )
 PARTS = 2
 
@@ -61,7 +60,7 @@ CANDIDATES = torch.tensor([[0.10, 0.3], [0.55, -0.3], [0.38, 0.1], [0.70, 0.0], 
 
 
 def inferred(radii: tuple[float, float], candidates: torch.Tensor = CANDIDATES, seed: int = 0) -> Inferred:
-    return infer(Balls(), candidates, two_balls(radii), SETTINGS, seed)
+    return infer(Balls(), candidates, two_balls(radii), 0.0, SETTINGS, seed)
 
 
 def test_one_code_is_found_where_one_explains_the_shape() -> None:
@@ -82,7 +81,7 @@ def test_residuals_explain_parts_that_no_single_code_does() -> None:
 def test_a_training_code_that_explains_the_shape_is_never_made_worse() -> None:
     groups = two_balls((0.38, 0.38))
     trained = OneShape(Balls(), groups, 0.0).mean_error(CANDIDATES[2].expand(PARTS, -1))
-    found = infer(Balls(), CANDIDATES, groups, SETTINGS, seed=0)
+    found = infer(Balls(), CANDIDATES, groups, 0.0, SETTINGS, seed=0)
     assert found.error <= found.code_error <= trained < 1e-6
     assert found.start == 2
 
@@ -138,7 +137,7 @@ def test_a_network_that_sees_the_whole_cage_is_fitted_and_stays_as_it_is() -> No
     candidates = torch.randn(5, spheres.SIZES["latent_dim"], generator=torch.Generator().manual_seed(0))
     (codes,) = OneShape(decoder, groups, 0.0).codes(candidates[3:4])
     truth = decoder(groups.points, codes[groups.part], groups.cuboid)
-    found = infer(decoder, candidates, replace(groups, sdf=truth), SETTINGS, seed=0)
+    found = infer(decoder, candidates, replace(groups, sdf=truth), 0.0, SETTINGS, seed=0)
     assert found.residual.shape == (PARTS, spheres.SIZES["code_dim"])
     assert found.start == 3
     assert found.error <= found.code_error < 1e-6
@@ -152,5 +151,5 @@ def test_points_of_one_ball_are_a_batch_like_those_of_training() -> None:
     cage = Cage.of({"body": Cuboid(np.zeros(3), np.eye(3), np.full(3, 1.2))})
     sequences = {"large": Sequence("large", None, np.zeros(1), (False,), (cage,))}
     groups = training_set(rest, sequences, LatentTable((("large", -1),), torch.zeros(1, 2)))
-    found = infer(Balls(), CANDIDATES, groups, SETTINGS, seed=0)
+    found = infer(Balls(), CANDIDATES, groups, 0.0, SETTINGS, seed=0)
     assert found.code[0] == pytest.approx(spheres.RADII["large"][0], abs=2e-3)
