@@ -152,9 +152,11 @@ def deform_shape(shape: Shape, rest: Cage, moved: Cage) -> list[Mesh]:
 
 
 def solids_in_cuboids(shape: Shape, rest: Cage) -> list[Mesh]:
-    """The parts, each in the unit frame of its own cuboid, its overlapping pieces made one.
+    """The parts, each in the unit frame of its own cuboid.
 
-    A part that follows its own cuboid alone has this surface at every step. Raises ValueError if one isn't closed.
+    A part that follows its own cuboid alone has this surface at every step. Pieces of a part that overlap must be
+    united already, as `make_solid` does: manifold3d takes what lies inside of a single mesh for meant. Raises
+    ValueError if one isn't closed.
     """
     solids = [union([part.mesh]) for part in shape.parts]
     return [mesh.with_vertices(rest.to_unit(mesh.vertices, i)) for i, mesh in enumerate(solids)]

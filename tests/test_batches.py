@@ -15,8 +15,11 @@ from cagesdf.errors import InputError
 from cagesdf.io.points import CHUNK
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import (
+    Batch,
     BatchOrder,
+    Cages,
     Owners,
+    bundled,
     cuboid_distance,
     latent_keys,
     rechunk,
@@ -146,6 +149,92 @@ def test_the_clamp_cuts_prediction_and_truth() -> None:
     predicted, sdf = torch.tensor([[0.5, -0.05]]), torch.tensor([[0.2, 0.5]])
     assert shape_l1(predicted, sdf, weight, torch.tensor([[0.1]])).item() == pytest.approx((0 + 0.15) / 2)
     assert shape_l1(predicted, sdf, weight, None).item() == pytest.approx((0.3 + 0.55) / 2)
+
+
+def rows_of_cages(seed: int = 0) -> list[tuple[Cage, int]]:
+    """Cages of several sizes with rows of latents."""
+    rng = np.random.default_rng(seed)
+    return [
+        (Cage(tuple("abcd"[:n]), rng.normal(size=(n, 3)), np.array([np.eye(3)] * n), rng.uniform(0.1, 1, (n, 3))), row)
+        for n, row in ((2, 5), (4, 0), (1, 3), (3, 3))
+    ]
+
+
+def says(cages: Cages, row: int) -> tuple[list, int]:
+    """The cuboids and the latent of one cage."""
+    return cages.cuboids[row][cages.present[row]].tolist(), int(cages.latent[row])
+
+
+def test_cages_hold_each_cage_and_its_latent_and_what_is_taken_of_them_is_the_same() -> None:
+    known = rows_of_cages()
+    cages = Cages.of(known)
+    for row, (cage, latent) in enumerate(known):
+        assert says(cages, row) == (cage.vectors().astype(np.float32).tolist(), latent)
+    for rows in ([2, 0], [3], [1, 1, 2, 3], []):
+        taken = cages.take(torch.tensor(rows, dtype=torch.int64))
+        assert [says(taken, i) for i in range(len(rows))] == [says(cages, row) for row in rows]
+        assert taken.cuboids.shape[1] == max([len(known[row][0]) for row in rows], default=0)
+
+
+def test_a_batch_on_its_way_keeps_what_it_says_and_leaves_other_cages_behind() -> None:
+    cages = Cages.of(rows_of_cages())
+    shape, part = torch.tensor([3, 0, 3, 2]), torch.tensor([2, 1, 0, 0])
+    points = torch.rand(4, CHUNK, 3, generator=torch.Generator().manual_seed(0))
+    batch = Batch(points, points[..., 0], torch.arange(4.0), shape, part, cages)
+    sent = batch.to("cpu")
+    for name in ("points", "sdf", "weight", "part", "cuboid"):
+        assert torch.equal(getattr(sent, name), getattr(batch, name))
+    assert torch.equal(sent.cages.latent[sent.shape], cages.latent[shape])
+    assert len(sent.cages.latent) == 3
+    assert sent.cages.cuboids.shape[1] == 3
+    assert len(batch.run(slice(2, 2)).to("cpu").cages.latent) == 0
+    joined = Batch.joined([batch.run(slice(0, 1)), batch.take(torch.tensor([1, 2, 3]))])
+    assert torch.equal(joined.cuboid, batch.cuboid)
+    assert torch.equal(joined.points, batch.points)
+
+
+def test_a_batch_names_the_cuboid_of_each_groups_own_part() -> None:
+    """Parts that chunks number in another order than the cage has them."""
+    sequences = spheres.sequences()
+    cages = {name: Cage(("arm", *item.cages[0].part_ids), *spread(item.cages[0])) for name, item in sequences.items()}
+    sequences = {name: replace(item, cages=(cages[name],) * 2) for name, item in sequences.items()}
+    chunks = spheres.chunks()
+    groups = training_set(chunks, sequences, LatentTable.drawn(latent_keys(chunks, "source"), 3, 1.0, seed=0))
+    assert set(groups.part.tolist()) == {1}
+    expected = [cages[chunks.shape_ids[shape]].vectors()[1] for shape in chunks.shape_id]
+    np.testing.assert_allclose(groups.cuboid, expected, rtol=1e-6)
+
+
+def spread(cage: Cage) -> tuple[np.ndarray, ...]:
+    """The numbers of a cage, behind those of another cuboid."""
+    return tuple(np.concatenate([values * 0.5, values]) for values in (cage.centre + 1, cage.axes * 2, cage.size))
+
+
+@given(owner=st.lists(st.integers(0, 4), min_size=1, max_size=60), bundle=st.integers(1, 9), seed=st.integers(0, 9))
+def test_bundles_hold_every_group_once_and_run_of_one_owner_each(owner: list[int], bundle: int, seed: int) -> None:
+    owners = np.array(owner)
+    order = bundled(owners, bundle, np.random.default_rng(seed))
+    assert sorted(order.tolist()) == list(range(len(owner)))
+    assert np.array_equal(order, bundled(owners, bundle, np.random.default_rng(seed)))
+    # Cut greedily, there are no more runs than each owner's bundles.
+    runs, start = 0, 0
+    changes = [*np.flatnonzero(np.diff(owners[order])) + 1, len(order)]
+    whole = Counter()
+    for stop in changes:
+        whole[int(owners[order[start]])] += (stop - start) // bundle
+        runs, start = runs + 1, stop
+    counts = np.bincount(owners)
+    assert runs <= sum(-(-count // bundle) for count in counts)
+    for number, count in enumerate(counts):
+        assert whole[number] >= count // bundle - (count % bundle > 0)
+
+
+def test_bundles_of_one_are_any_order_and_bundles_of_several_are_in_any_order() -> None:
+    owner = np.repeat([0, 1], 2)
+    single = {tuple(bundled(owner, 1, np.random.default_rng(seed))) for seed in range(400)}
+    pairs = {tuple(bundled(owner, 2, np.random.default_rng(seed))) for seed in range(100)}
+    assert len(single) == 24
+    assert len(pairs) == 8
 
 
 @given(groups=st.integers(1, 20), batch=st.integers(1, 25), bundle=st.integers(1, 4), seed=st.integers(0, 5))

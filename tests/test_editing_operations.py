@@ -17,6 +17,7 @@ from cagesdf.editing.parts import parameters, part_names
 from cagesdf.editing.script import (
     Blend,
     Build,
+    Harmonise,
     Move,
     Operation,
     Redo,
@@ -383,6 +384,54 @@ def test_a_style_is_taken_by_its_code() -> None:
     same(do(chair(), Style(code=(2.0, -1.0))), do(chair(), Swap(style_of="b")))
     with pytest.raises(InputError, match="3 numbers"):
         do(chair(), Style(code=(0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    "operation",
+    [
+        Move(part="leg", by=(1.0, 0.0, 0.0)),
+        Resize(part="seat", axis="x", factor=1.3),
+        Rotate(part="seat", axis="z", angle=20.0),
+        Scale(factors=(1.2, 0.9, 1.0)),
+        Swap(style_of="b"),
+    ],
+    ids=lambda operation: operation.op,
+)
+def test_parts_look_as_in_the_cage_that_was_opened_until_it_is_harmonised(
+    operation: Operation,
+) -> None:
+    """By identity: codes that are made once serve for as long as nothing else is seen."""
+    opened = chair()
+    edited_state = do(opened, operation)
+    assert edited_state.seen is opened.seen is opened.cage
+    harmonised = do(opened, operation, Harmonise())
+    assert harmonised.seen is harmonised.cage
+    np.testing.assert_array_equal(harmonised.cage.vectors(), edited_state.cage.vectors())
+    np.testing.assert_array_equal(harmonised.latent, edited_state.latent)
+
+
+def test_a_number_of_the_program_changes_cuboids_and_not_what_is_seen() -> None:
+    opened = chair()
+    numbers = parameters(opened.structure.placed_program()[0])
+    state = do(opened, Set(parameter="Chair.seat.x", value=numbers["Chair.seat.x"] * 0.9))
+    assert state.seen is opened.seen
+    assert not np.array_equal(state.cage.vectors(), opened.cage.vectors())
+
+
+def test_harmonising_is_taken_back_and_done_again_and_later_moves_keep_what_it_saw() -> None:
+    opened, move = chair(), Move(part="leg", by=(1.0, 0.0, 0.0))
+    assert do(opened, move, Harmonise(), Undo()).seen is opened.seen
+    again = do(opened, move, Harmonise(), Undo(), Redo())
+    np.testing.assert_array_equal(again.seen.vectors(), do(opened, move).cage.vectors())
+    later = do(opened, move, Harmonise(), move)
+    np.testing.assert_array_equal(later.seen.vectors(), again.cage.vectors())
+    assert not np.array_equal(later.cage.vectors(), later.seen.vectors())
+
+
+def test_another_structure_is_seen_in_its_own_cuboids() -> None:
+    state = do(jug(), Move(part="body", by=(1.0, 0.0, 0.0)), Build(structure=chair().structure.to_json()))
+    assert state.seen is state.cage
+    assert state.seen.part_ids == chair().cage.part_ids
 
 
 def test_another_structure_stands_in_its_own_cuboids_and_keeps_the_style() -> None:

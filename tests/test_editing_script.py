@@ -66,7 +66,9 @@ def test_the_example_of_the_documentation_is_read() -> None:
 
 
 def test_every_kind_of_operation_has_its_word() -> None:
-    assert set(KINDS) == {"move", "resize", "rotate", "scale", "set", "swap", "blend", "style", "build", "undo", "redo"}
+    assert set(KINDS) == {
+        "move", "resize", "rotate", "scale", "set", "swap", "blend", "style", "build", "harmonise", "undo", "redo"
+    }  # fmt: skip
 
 
 GOOD = {"op": "move", "part": "leg", "by": [0, 1, 2]}

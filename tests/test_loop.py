@@ -4,18 +4,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 import spheres
 import torch
 
+from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training import checkpoint as checkpoint_module
-from cagesdf.training.batches import Batch, MemoryBatches, latent_keys, training_set
+from cagesdf.training.batches import Batch, Cages, MemoryBatches, latent_keys, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import ALONE, Ranks
-from cagesdf.training.gradients import SLICE, slices
+from cagesdf.training.gradients import SLICE, Gradients, slice_threads, slices
 from cagesdf.training.loop import TrainSettings, rate, train
 
 SETTINGS = TrainSettings(
@@ -81,12 +83,17 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_others(
     assert not torch.equal(one[0]["latents"], other["latents"])
 
 
-@pytest.mark.parametrize("stop", [6, 12, 18])
-def test_a_training_that_was_stopped_and_resumed_ends_with_the_same_bits(stop: int, tmp_path: Path) -> None:
-    whole, log, _ = training(tmp_path / "whole")
+@pytest.mark.parametrize(
+    ("decoder", "stop"),
+    [("TriplaneDecoder", 6), ("TriplaneDecoder", 18), ("CageDecoder", 12), ("DeepSdfDecoder", 12)],
+)
+def test_a_training_that_was_stopped_and_resumed_ends_with_the_same_bits(
+    decoder: str, stop: int, tmp_path: Path
+) -> None:
+    whole, log, _ = training(tmp_path / "whole", decoder=decoder)
     with pytest.raises(Stopped):
-        training(tmp_path / "stopped", stop=stop)
-    resumed, resumed_log, reported = training(tmp_path / "stopped")
+        training(tmp_path / "stopped", stop=stop, decoder=decoder)
+    resumed, resumed_log, reported = training(tmp_path / "stopped", decoder=decoder)
     assert reported[0] == stop // 5 * 5
     assert all(torch.equal(whole[name], resumed[name]) for name in whole)
     assert log == resumed_log
@@ -195,14 +202,59 @@ def test_any_number_of_threads_gives_the_same_bits(tmp_path: Path, monkeypatch: 
     assert all(torch.equal(one[name], three[name]) for name in one)
 
 
-@pytest.mark.parametrize("size", [1, 7, 64])
-def test_a_batch_in_slices_trains_as_one_in_one_piece_does_within_rounding(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+def two_parts(groups: int = 11) -> Batch:
+    """Groups of three cages of one to three parts, some of them without groups, with weights of their own."""
+    rng = np.random.default_rng(0)
+    cages = [
+        Cage(
+            tuple("abc"[:parts]),
+            rng.uniform(-0.4, 0.4, (parts, 3)),
+            np.array([np.eye(3)] * parts),
+            rng.uniform(0.1, 0.9, (parts, 3)),
+        )
+        for parts in (2, 1, 3)
+    ]
+    shape = rng.choice([0, 2], groups)
+    part = rng.integers(0, 2, groups)
+    points = rng.uniform(-0.6, 0.6, (groups, 64, 3))
+    numbers = (points, rng.normal(0, 0.2, (groups, 64)), rng.uniform(0.5, 2, groups))
+    tensors = [torch.from_numpy(values.astype(np.float32)) for values in numbers]
+    rows = Cages.of(zip(cages, (1, 0, 2)))
+    return Batch(*tensors, torch.from_numpy(shape), torch.from_numpy(part), rows)
+
+
+@pytest.mark.parametrize("clamp", [0.0, 0.3])
+@pytest.mark.parametrize("size", [1, 4, 64])
+@pytest.mark.parametrize("decoder", sorted(DECODERS))
+def test_gradients_are_those_of_the_whole_loss_at_once(
+    decoder: str, size: int, clamp: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = training(tmp_path / "whole", batch=7)[0]
+    """In slices and in one piece, against the sum over groups spelt out and autograd's gradient of it."""
     monkeypatch.setitem(SLICE, "cpu", size)
-    sliced = training(tmp_path / "sliced", batch=7)[0]
-    torch.testing.assert_close(sliced, whole, rtol=1e-3, atol=1e-4)
+    network = make_decoder(decoder, **spheres.SIZES, seed=0)
+    table = LatentTable.drawn(tuple((name, -1) for name in "xyz"), 4, 1.0, seed=0)
+    batch, parameters = two_parts(), [*network.parameters(), table.values]
+
+    loss = torch.zeros(())
+    for group in range(len(batch.weight)):
+        shape, part = int(batch.shape[group]), int(batch.part[group])
+        cages = batch.cages.take(torch.tensor([shape]))
+        code = network.codes(table(cages.latent), cages.cuboids, cages.present)[:, part]
+        cuboid = cages.cuboids[:, part]
+        said, truth = network(batch.points[group][None], code, cuboid), batch.sdf[group][None]
+        if clamp:
+            limit = clamp * float(network.unit(cuboid))
+            said, truth = said.clamp(-limit, limit), truth.clamp(-limit, limit)
+        loss = loss + 0.7 * batch.weight[group] * (said - truth).abs().mean() / len(batch.weight)
+    expected = torch.autograd.grad(loss, parameters)
+
+    with slice_threads() as (pool, threads):
+        value = Gradients(network, table, clamp, "float32", pool, threads).add(batch.to("cpu"), 0.7)
+    assert float(value) == pytest.approx(loss.item(), rel=1e-5)
+    for parameter, gradient in zip(parameters, expected, strict=True):
+        given = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
+        torch.testing.assert_close(given, gradient, rtol=1e-3, atol=1e-5)
+    assert not table.values.grad[0].any(), "no group is of the second cage, which has the first latent"
 
 
 @pytest.mark.parametrize("most", [1, 5, 32])

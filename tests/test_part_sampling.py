@@ -14,7 +14,7 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import BEYOND
 from cagesdf.meshes import Mesh, face_areas, is_closed
 from cagesdf.part_sampling import LARGEST, LEAST_CHUNKS, PartCounts, PartSamples, sample_part
-from cagesdf.solid import union
+from cagesdf.solid import make_solid, union
 from cagesdf.structure.hierarchy import Node
 
 CHUNK = 16
@@ -125,11 +125,11 @@ def test_a_surface_stays_the_same_in_the_unit_frame_however_the_cuboid_moves() -
 
 
 def pieced() -> tuple[toy.Shape, Cage]:
-    """A part of two pieces that overlap, as drawn, and a part that reaches into it; their cage."""
-    cross = [toy.box((0, 0, 0), (1.0, 0.2, 0.2)), toy.box((0.1, 0, 0), (0.2, 0.8, 0.3))]
+    """A part that was drawn as two pieces that overlap, imported, and a part that reaches into it; their cage."""
+    cross = [toy.box((0, 0, 0), (1.0, 0.5, 0.5)), toy.box((0, 0, 0), (0.5, 1.0, 0.9))]
     faces = np.concatenate([cross[0].faces, cross[1].faces + len(cross[0].vertices)])
     meshes = {
-        "cross": Mesh(np.concatenate([mesh.vertices for mesh in cross]), faces),
+        "cross": make_solid(Mesh(np.concatenate([mesh.vertices for mesh in cross]), faces), 1e-5, 1e-4).mesh,
         "peg": toy.box((0.3, 0, 0.3), (0.3, 0.3, 0.7)),
     }
     leaves = tuple(Node(name, name, (), (), None) for name in meshes)
@@ -145,11 +145,13 @@ def test_a_part_of_overlapping_pieces_has_the_distance_of_their_union() -> None:
     solids = solids_in_cuboids(shape, rest)
     assert all(is_closed(solid) for solid in solids)
     np.testing.assert_allclose([np.abs(solid.vertices).max(axis=0) for solid in solids], 0.5, atol=1e-9)
-    points, sdf, _ = flat(sampled(solids[0], rest, PartCounts(40.0, 400.0)))
-    whole = union([shape.parts[0].mesh])
+    points, sdf, _ = flat(sampled(solids[0], rest, PartCounts(40.0, 800.0)))
+    scale = shape.similarity.scale
+    cross = [toy.box((0, 0, 0), (1.0, 0.5, 0.5)), toy.box((0, 0, 0), (0.5, 1.0, 0.9))]
+    whole = union([mesh.with_vertices(shape.similarity.to_canonical(mesh.vertices)) for mesh in cross])
     np.testing.assert_allclose(sdf, SurfaceDistance(whole).signed(points), atol=1e-6)
     # Where pieces overlap the union's surface is farther away than that of either.
-    assert sdf.min() < -0.11 * shape.similarity.scale
+    assert sdf.min() < -0.26 * scale
 
 
 def test_where_cuboids_overlap_both_have_points_with_their_own_distances() -> None:
@@ -157,7 +159,7 @@ def test_where_cuboids_overlap_both_have_points_with_their_own_distances() -> No
     solids = solids_in_cuboids(shape, rest)
     distances = []
     for i, solid in enumerate(solids):
-        points, sdf, _ = flat(sampled(solid, rest, PartCounts(200.0, 60.0), cuboid=i))
+        points, sdf, _ = flat(sampled(solid, rest, PartCounts(2000.0, 600.0), cuboid=i))
         common = (rest.signed_distance(points) < 0).all(axis=1)
         assert common.sum() > 50
         surface = SurfaceDistance(union([shape.parts[i].mesh]))

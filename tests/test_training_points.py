@@ -75,6 +75,17 @@ def test_an_epoch_of_whole_chunks_is_that_in_memory_in_another_order(folder: Pat
     assert rows(one) != rows(other)
 
 
+@pytest.mark.parametrize("source", [LoadedPoints, StreamedPoints])
+def test_groups_of_one_deformed_shape_follow_each_other_in_bundles(source: type, folder: Path) -> None:
+    """A batch of as many bundles as it has shapes: few cages a batch, but where a shape's last bundle is short."""
+    data = loaded(folder) if source is LoadedPoints else streamed(folder)
+    batches = data.batches(table(data), 64, 8, 0)
+    for step in range(20):
+        shape = batches.at(step).shape
+        changes = int((shape[1:] != shape[:-1]).sum())
+        assert changes <= 64 // 8 + 4
+
+
 @pytest.mark.parametrize(("batch", "steps"), [(100, 28), (140, 40), (1500, 4), (6000, 1)])
 def test_every_group_is_used_equally_often_give_or_take_one(folder: Path, batch: int, steps: int) -> None:
     stream = streamed(folder)
