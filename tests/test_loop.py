@@ -242,9 +242,9 @@ def test_gradients_are_those_of_the_whole_loss_at_once(
         code = network.codes(table(cages.latent), cages.cuboids, cages.present)[:, part]
         cuboid = cages.cuboids[:, part]
         said, truth = network(batch.points[group][None], code, cuboid), batch.sdf[group][None]
+        said, truth = (distance / network.unit(cuboid) for distance in (said, truth))
         if clamp:
-            limit = clamp * float(network.unit(cuboid))
-            said, truth = said.clamp(-limit, limit), truth.clamp(-limit, limit)
+            said, truth = said.clamp(-clamp, clamp), truth.clamp(-clamp, clamp)
         loss = loss + 0.7 * batch.weight[group] * (said - truth).abs().mean() / len(batch.weight)
     expected = torch.autograd.grad(loss, parameters)
 

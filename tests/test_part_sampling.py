@@ -13,12 +13,12 @@ from cagesdf.deformation import solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import BEYOND
 from cagesdf.meshes import Mesh, face_areas, is_closed
-from cagesdf.part_sampling import LARGEST, LEAST_CHUNKS, PartCounts, PartSamples, sample_part
+from cagesdf.part_sampling import LARGEST, LEAST_CHUNKS, PartSamples, sample_part
 from cagesdf.solid import make_solid, union
 from cagesdf.structure.hierarchy import Node
 
 CHUNK = 16
-COUNTS = PartCounts(near=40.0, uniform=12.0)
+COUNTS = (40.0, 12.0)  # around the surface, and uniform
 BOX = toy.box((0, 0, 0), (1, 1, 1))
 
 
@@ -30,8 +30,10 @@ def cage(size: tuple[float, float, float] = (0.6, 0.3, 0.1), seed: int = 0) -> C
     return Cage(("p",), rng.uniform(-0.3, 0.3, (1, 3)), axes, np.array([size]))
 
 
-def sampled(unit: Mesh, where: Cage, counts: PartCounts = COUNTS, cuboid: int = 0, seed: int = 0) -> PartSamples:
-    return sample_part(unit, where, cuboid, counts, CHUNK, np.random.default_rng(seed))
+def sampled(
+    unit: Mesh, where: Cage, counts: tuple[float, float] = COUNTS, cuboid: int = 0, seed: int = 0
+) -> PartSamples:
+    return sample_part(unit, where, cuboid, *counts, CHUNK, np.random.default_rng(seed))
 
 
 def flat(samples: PartSamples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,16 +73,16 @@ def test_there_are_as_many_points_as_the_surface_has_area_in_the_unit_frame_in_w
 
 
 def test_a_part_has_its_least_chunks_and_a_rough_one_no_more_than_the_largest() -> None:
-    assert len(sampled(BOX, cage(), PartCounts(0.1, 0.1)).sdf) == LEAST_CHUNKS
+    assert len(sampled(BOX, cage(), (0.1, 0.1)).sdf) == LEAST_CHUNKS
     slats = union([toy.box((0, 0, z), (1, 1, 0.004)) for z in np.linspace(-0.49, 0.49, 120)])
     assert face_areas(slats).sum() > LARGEST
-    assert len(sampled(slats, cage(), PartCounts(1.0, 0.5)).sdf) == -(-int(1.5 * LARGEST) // CHUNK)
+    assert len(sampled(slats, cage(), (1.0, 0.5)).sdf) == -(-int(1.5 * LARGEST) // CHUNK)
 
 
 def test_near_points_are_spread_evenly_over_the_surface_in_the_unit_frame() -> None:
     """However flat the cuboid: of a box's points, each face has a sixth."""
     where = cage((0.8, 0.8, 0.05))
-    points, _, near = flat(sampled(BOX, where, PartCounts(500.0, 1.0)))
+    points, _, near = flat(sampled(BOX, where, (500.0, 1.0)))
     unit = where.to_unit(points[near], 0)
     along, count = np.abs(unit).argmax(axis=1), near.sum()
     # Narrow offsets only: in a flat cuboid wide ones leave its faces.
@@ -93,7 +95,7 @@ def test_near_points_are_spread_evenly_over_the_surface_in_the_unit_frame() -> N
 
 def test_uniform_points_fill_the_enlarged_cuboid_evenly() -> None:
     where = cage()
-    points, _, near = flat(sampled(BOX, where, PartCounts(0.2, 600.0)))
+    points, _, near = flat(sampled(BOX, where, (0.2, 600.0)))
     unit = where.to_unit(points[~near], 0) / (0.5 + BEYOND)
     assert len(unit) > 3000
     np.testing.assert_allclose(unit.mean(axis=0), 0, atol=0.05)
@@ -109,7 +111,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_others() -> None:
 
 def test_chunks_are_mixed() -> None:
     """None has near points or uniform ones alone."""
-    shares = sampled(BOX, cage(), PartCounts(100.0, 100.0)).near.mean(axis=1)
+    shares = sampled(BOX, cage(), (100.0, 100.0)).near.mean(axis=1)
     assert 0 < shares.min() < shares.max() < 1
 
 
@@ -145,7 +147,7 @@ def test_a_part_of_overlapping_pieces_has_the_distance_of_their_union() -> None:
     solids = solids_in_cuboids(shape, rest)
     assert all(is_closed(solid) for solid in solids)
     np.testing.assert_allclose([np.abs(solid.vertices).max(axis=0) for solid in solids], 0.5, atol=1e-9)
-    points, sdf, _ = flat(sampled(solids[0], rest, PartCounts(40.0, 800.0)))
+    points, sdf, _ = flat(sampled(solids[0], rest, (40.0, 800.0)))
     scale = shape.similarity.scale
     cross = [toy.box((0, 0, 0), (1.0, 0.5, 0.5)), toy.box((0, 0, 0), (0.5, 1.0, 0.9))]
     whole = union([mesh.with_vertices(shape.similarity.to_canonical(mesh.vertices)) for mesh in cross])
@@ -159,7 +161,7 @@ def test_where_cuboids_overlap_both_have_points_with_their_own_distances() -> No
     solids = solids_in_cuboids(shape, rest)
     distances = []
     for i, solid in enumerate(solids):
-        points, sdf, _ = flat(sampled(solid, rest, PartCounts(2000.0, 600.0), cuboid=i))
+        points, sdf, _ = flat(sampled(solid, rest, (2000.0, 600.0), cuboid=i))
         common = (rest.signed_distance(points) < 0).all(axis=1)
         assert common.sum() > 50
         surface = SurfaceDistance(union([shape.parts[i].mesh]))
