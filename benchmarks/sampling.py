@@ -53,7 +53,7 @@ def shard(parts: list[Mesh], cage: Cage, near: int, uniform: int, folder: Path) 
     fields = samples.part, samples.points, samples.sdf, samples.near
     numbers = np.zeros_like(samples.part), np.zeros_like(samples.part)
     chunks = PointChunks(*numbers, *fields, ("chair",), cage.part_ids)
-    write_shard(folder / "shard-0000.parquet", [chunks], np.random.default_rng(0))
+    write_shard(folder / "shape-0000.parquet", [chunks], np.random.default_rng(0))
     return surface
 
 

@@ -96,13 +96,13 @@ def write(folder: Path, cages: dict[str, Sequence], points: int) -> None:
         chunks = PointChunks(
             shape, step, part, xyz + vectors[:, None, :3], sdf, reach < 1, names, cages[names[0]].cages[0].part_ids
         )
-        write_shard(folder / f"shard-{shard:04d}.parquet", [chunks], rng)
+        write_shard(folder / f"shape-{shard:04d}.parquet", [chunks], rng)
 
 
 def alone(data: StreamedPoints, batch: int) -> float:
     """Points a second that the reader gives when nobody else works."""
     latents = LatentTable.drawn(data.latent_keys("source"), 32, 0.01, 0)
-    batches = data.batches(latents, batch, 0)
+    batches = data.batches(latents, batch, 1, 0)
     batches.at(0)
     begun, step = time.perf_counter(), 0
     while time.perf_counter() - begun < SECONDS:
@@ -114,8 +114,8 @@ def alone(data: StreamedPoints, batch: int) -> float:
 def beside(data: StreamedPoints, batch: int, held: bool) -> float:
     """Points a second that a training takes: from the reader, or (`held`) the same batch over and over."""
     latents = LatentTable.drawn(data.latent_keys("source"), 32, 0.01, 0)
-    decoder = make_decoder("LocalCageDecoder", **NETWORK, seed=0)
-    batches = data.batches(latents, batch, 0)
+    decoder = make_decoder("CageDecoder", **NETWORK, seed=0)
+    batches = data.batches(latents, batch, 1, 0)
     first = batches.at(0)
     if held:
         batches.at = lambda step: first  # type: ignore[method-assign]

@@ -2,8 +2,8 @@
 
 python -m benchmarks.training chair [seconds]
 
-Of the default run's points. Same batches, width and depth, one thread; the loops take turns, step by step, so that
-a busy machine slows all alike, and the median processor time of each one's step counts. Prints a Markdown table
+Of the default run's points, the arms as params.yaml has them, the plain loop as wide and deep as `deepsdf`. Same
+batches, one thread; the loops take turns, step by step, so that a busy machine slows all alike, and the median processor time of each one's step counts. Prints a Markdown table
 (docs/training.md).
 """
 
@@ -28,8 +28,6 @@ from cagesdf.training.losses import latent_penalty
 from cagesdf.training.points import LoadedPoints
 from cagesdf.training.precision import fitting_precision, processor
 from pipeline import TrainParams, item_rng, load
-
-WIDTHS = (128, 256, 512)
 
 
 class Plain(nn.Module):
@@ -65,7 +63,7 @@ def plain_loop(params: TrainParams, latents: LatentTable) -> Loop:
     optimiser = torch.optim.Adam([*network.parameters(), latents.values], lr=1e-4)
 
     def step(batch: Batch) -> None:
-        rows = batch.latent.repeat_interleave(CHUNK)
+        rows = batch.cages.latent[batch.shape].repeat_interleave(CHUNK)
         predicted = network(torch.cat([latents(rows), batch.points.reshape(-1, 3)], dim=1))
         loss = (predicted - batch.sdf.reshape(-1)).abs().mean() + 1e-4 * latent_penalty(latents.values)
         optimiser.zero_grad()
@@ -77,8 +75,7 @@ def plain_loop(params: TrainParams, latents: LatentTable) -> Loop:
 
 def our_loop(name: str, params: TrainParams, latents: LatentTable, gradients: Callable[[Decoder], Gradients]) -> Loop:
     """An arm's step, as in `cagesdf.training.loop`."""
-    sizes = params.model_dump(include={"width", "layers", "latent_dim", "mapping", "octaves"})
-    decoder = make_decoder(params.decoder, **sizes, seed=0)
+    decoder = make_decoder(params.decoder, **params.model_dump(exclude={"decoder"}))
     optimiser = torch.optim.Adam([*decoder.parameters(), latents.values], lr=1e-4, fused=True)
     of = gradients(decoder)
 
@@ -115,37 +112,31 @@ def main(category: str, seconds: float = 10) -> None:
     shared = params["cagesdf"]
     sequences = read_sequences(Path(f"data/sequences/{category}"))
     rng = item_rng(shared.seed, "benchmark")
-    data = LoadedPoints(
-        Path(f"data/points/{category}"), sequences, shared.steps_of, shared.points_of, shared.reach, rng
-    )
+    data = LoadedPoints(Path(f"data/points/{category}"), sequences, shared.steps_of, "cage", shared.reach, rng)
     table = LatentTable.drawn(data.latent_keys("source"), shared.latent_dim, shared.latent_std, 0)
-    source = data.batches(table, shared.batch_chunks, 0)
-    batches = [source.at(step) for step in range(200)]
+    source = data.batches(table, shared.batch_chunks, shared.bundle, 0)
+    batches = [source.at(step).to("cpu") for step in range(200)]
     precision = fitting_precision(shared.precision, "cpu")
-    print(f"Products in {precision}.\n")
-    print(f"On {processor()}.\n")
-    print("| width | plain | " + " | ".join(f"`{name}` | times" for name in params) + " |")
-    print("|" + "---|" * (2 + 2 * len(params)))
+    print(f"Products in {precision}, on {processor()}.\n")
+    print("| loop | points/s | times the plain one |\n|---|---|---|")
     torch.set_num_threads(1)
-    for width in WIDTHS:
-        with slice_threads() as (pool, threads):
-            wide = {name: values.model_copy(update={"width": width}) for name, values in params.items()}
-            tables = [LatentTable(table.keys, table.values.detach().clone()) for _ in range(len(wide) + 1)]
-            loops = [plain_loop(shared.model_copy(update={"width": width}), tables[-1])]
-            for (name, values), own in zip(wide.items(), tables):
-                loops.append(
-                    our_loop(
-                        name,
-                        values,
-                        own,
-                        lambda decoder, own=own, values=values: Gradients(
-                            decoder, own, values.clamp, precision, pool, threads
-                        ),
-                    )
+    with slice_threads() as (pool, threads):
+        tables = [LatentTable(table.keys, table.values.detach().clone()) for _ in range(len(params) + 1)]
+        loops = [plain_loop(params["deepsdf"], tables[-1])]
+        for (name, values), own in zip(params.items(), tables):
+            loops.append(
+                our_loop(
+                    name,
+                    values,
+                    own,
+                    lambda decoder, own=own, values=values: Gradients(
+                        decoder, own, values.clamp, precision, pool, threads
+                    ),
                 )
-            found = rates(loops, batches, seconds)
-        cells = " | ".join(f"{found[name]:,.0f} | {found[name] / found['plain']:.2f}" for name in params)
-        print(f"| {width} | {found['plain']:,.0f} | {cells} |", flush=True)
+            )
+        found = rates(loops, batches, seconds)
+    for name, rate in found.items():
+        print(f"| {name} | {rate:,.0f} | {rate / found['plain']:.2f} |")
 
 
 if __name__ == "__main__":

@@ -151,6 +151,14 @@ def deform_shape(shape: Shape, rest: Cage, moved: Cage) -> list[Mesh]:
     ]
 
 
+def follow_own_cuboids(shape: Shape, rest: Cage, moved: Cage) -> list[Mesh]:
+    """The parts' meshes, each moved by its own cuboid alone from `rest` to `moved`; canonical."""
+    return [
+        part.mesh.with_vertices(moved.from_unit(rest.to_unit(part.mesh.vertices, i), i))
+        for i, part in enumerate(shape.parts)
+    ]
+
+
 def solids_in_cuboids(shape: Shape, rest: Cage) -> list[Mesh]:
     """The parts, each in the unit frame of its own cuboid.
 

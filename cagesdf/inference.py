@@ -199,12 +199,15 @@ def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
     )
 
 
+def fitted_field(run: Run, fit: Fit) -> CageField:
+    """What the network says of a fitted shape: each part has its code with its residual."""
+    cage = fit.prepared.fitted.cage
+    return CageField(run.decoder, part_codes(run.decoder, fit.inferred.code, cage) + fit.inferred.residual, cage)
+
+
 def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
     """The surface of a fitted shape, canonical; see `extract`. Raises InputError if the network gives none."""
-    cage = fit.prepared.fitted.cage
-    codes = part_codes(run.decoder, fit.inferred.code, cage) + fit.inferred.residual
-    field = CageField(run.decoder, codes, cage)
-    found = extract(field, resolution)
+    found = extract(fitted_field(run, fit), resolution)
     if len(found.mesh.faces) == 0:
         raise InputError(f"{fit.prepared.shape.shape_id}: the network gives no surface at all for it; {fit.verdict}")
     return found

@@ -19,7 +19,6 @@ from cagesdf.cli import fitting
 from cagesdf.cli.shapes import IMPORT
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.errors import InputError
-from cagesdf.extraction import OUTSIDES
 from cagesdf.frames import Similarity
 from cagesdf.importing import import_shape
 from cagesdf.io.cuboids import read_cages
@@ -39,8 +38,11 @@ RADII = {"chair_1": 0.30, "chair_2": 0.36, "chair_3": 0.42}
 SIDES = {"a": -0.62, "b": 0.62}
 SETTINGS = replace(
     fitting.settings_of(),
-    near=1500, uniform=100, points=100,
-    inference=replace(fitting.settings_of().inference, code_steps=40, film_steps=40, code_weight=0.0, film_weight=0.0),
+    points=100,
+    counts=replace(fitting.settings_of().counts, near=1500, uniform=100, part_near=128, part_uniform=16),
+    inference=replace(
+        fitting.settings_of().inference, code_steps=40, residual_steps=40, code_weight=0.0, residual_weight=0.0
+    ),
 )  # fmt: skip
 UP = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}  # from y up to the axis
 
@@ -67,7 +69,7 @@ def trained(params: dict[str, object] | None = None) -> Run:
     sequences = {name: Sequence(name, None, np.zeros(1), (False,), (cage,)) for name, cage in cages.items()}
     structures = {name: PartHierarchy.flat(("a", "b"), ("ball",) * 2, "pair") for name in RADII}
     similarities = {name: Similarity(1.0, np.eye(3), np.zeros(3)) for name in RADII}
-    about = {"reach": 0.02, "latent_dim": 2, **(params or {})}
+    about = {"reach": 0.02, "latent_dim": 2, "clamp": 0.0, **(params or {})}
     return Run(Balls(), table, sequences, structures, similarities, about, {"sampled": 1, "used": 1})
 
 
@@ -106,9 +108,9 @@ def test_parts_that_differ_get_residuals_and_the_surface_follows() -> None:
 def test_the_field_of_a_part_is_the_network_with_its_residual() -> None:
     found = fit(raw(pair(0.30, 0.40)))
     cage = found.prepared.fitted.cage
-    field = inference.FittedField(Balls(), found.inferred, cage, OUTSIDES["union"])
-    for k, shift in enumerate(found.inferred.film[:, 0, 1, 0].tolist()):
-        radius = float(found.inferred.code[0]) + shift
+    field = inference.fitted_field(trained(), found)
+    for k, residual in enumerate(found.inferred.residual[:, 0].tolist()):
+        radius = float(found.inferred.code[0]) + residual
         assert field.ask(cage.centre[k : k + 1], k)[0] == pytest.approx(max(-radius, -0.1), abs=1e-5)
 
 
@@ -119,7 +121,7 @@ def test_a_moved_scaled_and_turned_copy_gives_the_same_result_in_its_own_frame(u
     one = fit(raw(pair(0.30, 0.40)))
     other = fit(raw(pair(0.30, 0.40), lambda vertices: 4 * vertices @ turn.T), up)
     assert torch.equal(one.inferred.code, other.inferred.code)
-    assert torch.equal(one.inferred.film, other.inferred.film)
+    assert torch.equal(one.inferred.residual, other.inferred.residual)
     assert one.verdict == other.verdict
     surfaces = [inference.fitted_surface(trained(), found, 32).mesh for found in (one, other)]
     here, there = (found.prepared.shape.similarity.to_raw(mesh.vertices) for found, mesh in zip((one, other), surfaces))
@@ -147,10 +149,16 @@ def test_residuals_of_other_shapes_are_refused() -> None:
         inference.Known.of(trained(), {"chair_1": 0.002})
 
 
+class Blind(Balls):
+    """Balls that were trained without cuboids."""
+
+    trains_on = "cube"
+
+
 def test_an_arm_without_cuboids_is_refused() -> None:
     shape = import_shape(raw(pair(0.36, 0.36)), **IMPORT)
     with pytest.raises(InputError, match="without cuboids"):
-        inference.prepare(trained({"points_of": "cube"}), shape, SETTINGS, np.random.default_rng(0))
+        inference.prepare(replace(trained(), decoder=Blind()), shape, SETTINGS, np.random.default_rng(0))
 
 
 @pytest.fixture
@@ -197,9 +205,9 @@ def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp
     assert len(mesh.faces) == told["faces"]
     np.testing.assert_allclose(mesh.vertices.min(axis=0), np.array([-0.96, -0.36, -0.36]) * 2.5 + [7, -3, 5], atol=0.1)
     assert read_cages(tmp_path / "out")["new"].part_ids == ("a", "b")
-    latent, film = read_fit_latent(tmp_path / "out")
+    latent, residual = read_fit_latent(tmp_path / "out")
     assert latent.shape == (2,)
-    assert film.shape == (2, 1, 2, 1)
+    assert residual.shape == (2, 2)
     assert not list(tmp_path.glob(".*")), "nothing is left beside"
 
 
@@ -207,10 +215,10 @@ def test_codes_read_back_as_they_were_and_damaged_ones_are_named(tmp_path: Path)
     found = fit(raw(pair(0.30, 0.40)))
     surface = inference.fitted_surface(trained(), found, 16).mesh
     model = Model.of(surface, {}, {})
-    write_fit(tmp_path, found.prepared.fitted, found.inferred.code, found.inferred.film, model, {"shape_id": "new"})
-    latent, film = read_fit_latent(tmp_path)
+    write_fit(tmp_path, found.prepared.fitted, found.inferred.code, found.inferred.residual, model, {"shape_id": "new"})
+    latent, residual = read_fit_latent(tmp_path)
     assert torch.equal(latent, found.inferred.code)
-    assert torch.equal(film, found.inferred.film)
+    assert torch.equal(residual, found.inferred.residual)
     whole = (tmp_path / LATENT).read_bytes()
     (tmp_path / LATENT).write_bytes(whole[:-8])
     with pytest.raises(InputError, match=LATENT):
