@@ -43,7 +43,7 @@ ALLOWED = {
     "evaluation": RECORDS | SOLIDS | {"matching", "deformation", "synthesis"},
     "inference": RECORDS
     | SOLIDS
-    | {"deformation", "fitting", "point_chunks", "sampling", "io", "models", "training", "extraction", "evaluation"},
+    | {"deformation", "fitting", "point_chunks", "io", "models", "training", "extraction", "evaluation"},
     "generating": RECORDS | {"generation", "stability", "simulation", "io", "extraction"},
     "rendering": RECORDS | SOLIDS,
     "demo": set(),
