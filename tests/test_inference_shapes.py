@@ -39,7 +39,7 @@ SIDES = {"a": -0.62, "b": 0.62}
 SETTINGS = replace(
     fitting.settings_of(),
     points=100,
-    counts=replace(fitting.settings_of().counts, near=1500, uniform=100, part_near=128, part_uniform=16),
+    counts=replace(fitting.settings_of().counts, near=1500, uniform=100, part_near=128.0, part_uniform=16.0),
     inference=replace(
         fitting.settings_of().inference, code_steps=40, residual_steps=40, code_weight=0.0, residual_weight=0.0
     ),

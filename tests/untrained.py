@@ -33,8 +33,9 @@ def untrained() -> Session:
     """Two chairs in one cage, and a network that was never trained: what it says differs by cuboid and style."""
     decoder: Any = make_decoder("TriplaneDecoder", **FIGURES, seed=1)
     with torch.no_grad():
-        decoder.out.weight.mul_(0.02)
-        decoder.out.bias.fill_(-0.01)
+        decoder.hidden[0].weight[:, 3 * decoder.channels :].mul_(8)  # of places: the surface goes through cuboids
+        decoder.out.weight.mul_(4)
+        decoder.out.bias.fill_(-0.2)  # no part is nothing
     labels = {"arm": "arm", "cube4": "arm", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}
     structure = Assembly(programs.CHAIR, Similarity(0.9, np.eye(3), np.zeros(3)), labels)
     names = ("a", "b")
