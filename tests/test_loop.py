@@ -187,14 +187,17 @@ def test_not_finite_and_diverging_trainings_stop_and_name_the_last_good_checkpoi
     assert all(torch.isfinite(tensor).all() for tensor in saved[0].values())
 
 
-def test_any_number_of_threads_gives_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("decoder", sorted(DECODERS))
+def test_any_number_of_threads_gives_the_same_bits(
+    decoder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(SLICE, "cpu", 2)  # several slices of a batch of seven
     before = torch.get_num_threads()
     results = []
     try:
         for threads in (1, 3):
             torch.set_num_threads(threads)
-            results.append(training(tmp_path / str(threads), batch=7)[0])
+            results.append(training(tmp_path / str(threads), decoder=decoder, batch=7)[0])
             assert torch.get_num_threads() == threads
     finally:
         torch.set_num_threads(before)
@@ -255,6 +258,19 @@ def test_gradients_are_those_of_the_whole_loss_at_once(
         given = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
         torch.testing.assert_close(given, gradient, rtol=1e-3, atol=1e-5)
     assert not table.values.grad[0].any(), "no group is of the second cage, which has the first latent"
+
+
+@pytest.mark.parametrize("decoder", sorted(DECODERS))
+def test_a_share_without_groups_adds_nothing(decoder: str) -> None:
+    """Of more ranks than a batch has groups, some have none."""
+    network = make_decoder(decoder, **spheres.SIZES, seed=0)
+    table = LatentTable.drawn(tuple((name, -1) for name in "xyz"), 4, 1.0, seed=0)
+    with slice_threads() as (pool, threads):
+        value = Gradients(network, table, 0.0, "float32", pool, threads).add(
+            two_parts().run(slice(4, 4)).to("cpu"), 0.0
+        )
+    assert value == 0
+    assert not any(p.grad is not None and p.grad.any() for p in (*network.parameters(), table.values))
 
 
 @pytest.mark.parametrize("most", [1, 5, 32])

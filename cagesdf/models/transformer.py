@@ -77,7 +77,7 @@ class ModulatedAttention(nn.Module):
         """Tokens that have seen the present ones of their cage."""
         count, parts, width = tokens.shape
         gates = 1 + self.gates(latent)[:, None]
-        given = self.into(self.before_attention(tokens, latent)).view(count, parts, 3, self.heads, -1)
+        given = self.into(self.before_attention(tokens, latent)).view(count, parts, 3, self.heads, width // self.heads)
         query, key, value = given.permute(2, 0, 3, 1, 4)
         seen = scaled_dot_product_attention(query, key, value, attn_mask=present[:, None, None])
         tokens = tokens + gates[..., :width] * self.out(seen.transpose(1, 2).reshape(count, parts, width))
