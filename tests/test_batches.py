@@ -100,6 +100,12 @@ def test_a_selection_that_leaves_nothing_of_a_shape_is_refused_by_its_name() -> 
         select(chunks=far)
 
 
+@pytest.mark.parametrize("trains_on", ["part", "cage", "cube"])
+def test_a_selection_that_leaves_nothing_at_all_is_refused_as_one(trains_on: str) -> None:
+    with pytest.raises(InputError, match=r"shape\(s\) large, small with steps_of rest"):
+        select("rest", trains_on, chunks=spheres.chunks((0, 4, 0, 5)))
+
+
 def test_latents_are_one_a_source_or_one_a_deformed_shape_and_batches_name_their_rows() -> None:
     chunks = spheres.chunks()
     assert latent_keys(chunks, "source") == (("large", -1), ("small", -1))

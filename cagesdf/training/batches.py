@@ -184,9 +184,9 @@ class Owners:
 
     def cuboids(self) -> Float[ndarray, "c 15"]:
         """The 15-vector of each chunk's cuboid, float32."""
-        ends = np.cumsum([len(cage) for cage in self.cages])
-        vectors = np.concatenate([cage.vectors() for cage in self.cages]).astype(np.float32)
-        return vectors[np.append(0, ends[:-1])[self.shape] + self.part]
+        counts = np.array([len(cage) for cage in self.cages], np.int64)
+        vectors = np.array([vector for cage in self.cages for vector in cage.vectors()], np.float32).reshape(-1, 15)
+        return vectors[(np.cumsum(counts) - counts)[self.shape] + self.part]
 
 
 def cage_of(sequences: Mapping[str, Sequence], shape_id: str, step: int) -> Cage:
