@@ -86,7 +86,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Where a shape lies among the training shapes. Residuals are mean |sdf error|, canonical units."""
+    """Where a shape lies among the training shapes. Residuals are mean |sdf error|, in the decoder's unit."""
 
     residual: float  # with one code for the whole shape
     median: float  # of the training shapes' residuals
@@ -221,9 +221,8 @@ def measure(fit: Fit, mesh: Mesh, points: int, detail: float, rng: np.random.Gen
 
 
 def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
-    """What became of a shape, for JSON. Residuals are percentages of its longest side, as surface_distance is."""
+    """What became of a shape, for JSON. Residuals are in the decoder's unit, as the training shapes' are."""
     shape, verdict, inferred = fit.prepared.shape, fit.verdict, fit.inferred
-    share = 100 / float(np.ptp(fit.prepared.surface.vertices, axis=0).max())
     return {
         "shape_id": shape.shape_id,
         "verdict": str(verdict),
@@ -238,8 +237,8 @@ def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[s
         "sides": [round(side, 4) for side in verdict.sides],
         "code_distance": round(verdict.distance, 4),
         "code_distance_of_training": round(verdict.widest, 4),
-        "residual_one_code": round(share * inferred.code_error, 4),
-        "residual": round(share * inferred.error, 4),
+        "residual_one_code": round(inferred.code_error, 6),
+        "residual": round(inferred.error, 6),
         "residual_over_training": round(verdict.residual / verdict.median, 3),
         **{name: round(value, 4) for name, value in measured.items()},
         "evaluations": found.asked,

@@ -12,9 +12,8 @@ RESIDUALS = Layout(
     1,
     (
         Column("shape_id", pa.string(), "a shape that was trained on"),
-        Column("residual", pa.float64(), "mean |sdf error| at rest over training points, canonical units"),
+        Column("residual", pa.float64(), "mean |sdf error| at rest over training points, in the decoder's unit"),
     ),
-    {"frame": "canonical"},
 )
 
 
