@@ -137,6 +137,14 @@ def test_another_kind_or_version_is_refused_by_name(change: dict, folder: Path) 
         read_run(folder)
 
 
+def test_a_decoder_that_there_is_not_is_refused_with_the_file_and_those_there_are(folder: Path) -> None:
+    arm = json.loads((folder / "arm.json").read_text())
+    arm["params"]["decoder"] = "LocalCageDecoder"
+    (folder / "arm.json").write_text(json.dumps(arm))
+    with pytest.raises(InputError, match=r"arm\.json.*TriplaneDecoder, CageDecoder.*got LocalCageDecoder; train again"):
+        read_run(folder)
+
+
 def test_weights_of_another_network_are_refused(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     arm = json.loads((folder / "arm.json").read_text())
     arm["params"]["width"] = 16

@@ -40,7 +40,7 @@ from cagesdf.io.weights import (
     whole,
     wholes,
 )
-from cagesdf.models.arms import make_decoder, sizes_of_decoder
+from cagesdf.models.arms import DECODERS, make_decoder, sizes_of_decoder
 from cagesdf.models.decoders import CUBOID, Decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.structure.base import Structure
@@ -207,6 +207,8 @@ def _planned_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
     """The decoder that arm.json describes, without memory for its weights."""
     name = str(params.get("decoder"))[:60]
     whole(params, "latent_dim", 1, MAX_WIDTH, path)
+    if name not in DECODERS:
+        raise InputError(f"{path}: wanted a decoder of {', '.join(DECODERS)}, got {name}; train again")
     sizes = {size: _size(params, size, path) for size in sizes_of_decoder(name)}
     try:
         return planned(lambda: make_decoder(name, seed=0, **sizes))
