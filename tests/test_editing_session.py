@@ -115,4 +115,8 @@ def test_a_mutated_script_is_done_or_refused_and_nothing_else(session: Session) 
         except InputError as error:
             done.append(str(error))
     assert all(isinstance(outcome, History) or outcome.startswith("script: ") for outcome in done)
-    assert 0 < sum(isinstance(outcome, History) for outcome in done) < 30
+    histories = [outcome for outcome in done if isinstance(outcome, History)]
+    assert 0 < len(histories) < 30
+    for history in histories:
+        for each in (*history.past, history.present, *history.future):
+            assert each.seen.part_ids == each.cage.part_ids

@@ -136,6 +136,22 @@ def test_distances_are_in_the_smallest_length_of_the_cuboid_and_no_length_is_too
     torch.testing.assert_close(two, 2 * one)
 
 
+@pytest.mark.parametrize("factor", [0.5, 1.7])
+def test_a_part_grows_with_its_cuboid_and_its_distances_with_it(factor: float) -> None:
+    """With what its code and lengths do to the layers held, and its smallest length still a unit."""
+    decoder, rng = network(), np.random.default_rng(1)
+    given = Cage(("p",), np.full((1, 3), 0.1), cage(1).axes, np.array([[0.3, 0.5, 0.9]]))
+    grown = Cage(("p",), factor * given.centre, given.axes, factor * given.size)
+    cuboids = [torch.from_numpy(item.vectors()).float() for item in (given, grown)]
+    code = torch.randn(1, spheres.SIZES["code_dim"], generator=torch.Generator().manual_seed(0))
+    condition = decoder.condition(code, cuboids[0])
+    other = torch.cat([condition[:, :-1], decoder.unit(cuboids[1])[:, None]], dim=1)
+    points = torch.from_numpy(given.from_unit(rng.uniform(-0.5, 0.5, (20, 3)), 0)).float()[None]
+    here = decoder.at(decoder.features(points, cuboids[0]), condition, torch.float32)
+    there = decoder.at(decoder.features(factor * points, cuboids[1]), other, torch.float32)
+    torch.testing.assert_close(there, factor * here, rtol=1e-3, atol=1e-5)
+
+
 def test_a_part_is_the_same_wherever_its_cuboid_stands() -> None:
     """With its code held, a part moves and turns with its cuboid."""
     decoder, given = network(), cage(1)
