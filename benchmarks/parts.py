@@ -5,9 +5,9 @@
 Each arm is trained for as many steps as this machine does in that time on one thread, its schedule ending there, and
 measured by the shape code alone at 128 cells, on source shapes and their held-out steps: distance (% of the longest
 side), of the detail alone, signed normals, and the share of surfaces with as many pieces and handles as the true one.
-For the part model the truth of a held-out step is of parts that follow their own cuboids; for the others, that of vertices that
-follow all cuboids around them: what each was taught. `data/` is that of `make repro`. Prints a Markdown table; on
-processors that have more than AVX2, three variables make them plain ones (docs/training.md).
+For the part model the truth of a held-out step is of parts that follow their own cuboids; for the others, that of
+vertices that follow all cuboids around them: what each was taught. `data/` is that of `make repro`. Prints a Markdown
+table; on processors that have more than AVX2, three variables make them plain ones (docs/training.md).
 """
 
 import argparse
@@ -101,7 +101,8 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     print(f"On {processor()}, float32, one thread.\n")
-    print(f"| arm | category | s | steps | source: {' / '.join(COLUMNS)} | held-out |\n|---|---|---|---|---|---|", flush=True)
+    print(f"| arm | category | s | steps | source: {' / '.join(COLUMNS)} | held-out |")
+    print("|---|---|---|---|---|---|", flush=True)
     with tempfile.TemporaryDirectory() as name:
         for category in options.categories:
             for arm in options.arms:

@@ -50,13 +50,16 @@ def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequenc
     """
     shape, rest = source.read(sequence.shape_id), sequence.cages[0]
     counts = PointCounts(**params.model_dump(include={field.name for field in fields(PointCounts)}))
+    try:
+        solids = solids_in_cuboids(shape, rest)
+    except ValueError as error:
+        raise ShapeRejected(shape.shape_id, "sample_points", str(error)) from error
     of_shape, of_parts = [], []
     for step in np.flatnonzero(~np.array(sequence.held_out)).tolist():
         cage = sequence.cages[step]
         rng = item_rng(params.seed, "sample_points", shape.shape_id, step)
         try:
             surface = SurfaceDistance(union(deform_shape(shape, rest, cage)))
-            solids = solids_in_cuboids(shape, rest)
         except ValueError as error:
             raise ShapeRejected(shape.shape_id, "sample_points", f"step {step}: {error}") from error
         of_shape.append(shape_chunks(shape.shape_id, step, surface, cage, counts, rng))
