@@ -2,8 +2,9 @@
 
 python -m benchmarks.training chair [seconds]
 
-Of the default run's points, the arms as params.yaml has them, the plain loop as wide and deep as `deepsdf`. The same
-batches, one thread; the loops take turns, step by step, so that a busy machine slows all alike, and the median processor time of each one's step counts. Prints a Markdown table
+Of the default run's points, the arms as params.yaml has them, the plain loop as wide and deep as `deepsdf`. Batches are
+the same, one thread; the loops take turns, step by step, so that a busy machine slows all alike, and the median processor
+time of each one's step counts. Prints a Markdown table
 (docs/training.md).
 """
 
