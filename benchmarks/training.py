@@ -2,9 +2,9 @@
 
 python -m benchmarks.training chair [seconds]
 
-Of the default run's points, the arms as params.yaml has them, the plain loop as wide and deep as `deepsdf`. Batches are
-the same, one thread; the loops take turns, step by step, so that a busy machine slows all alike, and the median time of
-the processor in each one's steps counts. Prints a Markdown table
+Of the default run's points, the arms as params.yaml has them, the plain loop as wide and deep as `deepsdf`. All get the
+same batches on one thread and take turns, step by step, so that a busy machine slows all alike; the median processor
+time of a step counts. Prints a Markdown table
 (docs/training.md).
 """
 

@@ -29,7 +29,7 @@ Triple = tuple[int, ...]  # a number for each axis
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What is known of a lattice, with a layer of points around it that are outside."""
+    """Values on a lattice, with a layer of points around it that are outside."""
 
     values: Float32[
         ndarray, "r s t"

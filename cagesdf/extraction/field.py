@@ -69,7 +69,7 @@ class CageField:
 
 
 def field_of(decoder: Decoder, latent: Float[Tensor, " d"], cage: Cage, seen: Cage | None = None) -> CageField:
-    """What a decoder makes of a latent and a cage; parts have the codes of the cage `seen`, if that is another one.
+    """The field of a decoder with a latent and a cage; parts have the codes of the cage `seen`, if that is another one.
 
     A decoder that doesn't know cuboids (DeepSDF) is asked in one, the cube [-HALF_EXTENT, HALF_EXTENT]³; the cages play
     no part.

@@ -26,7 +26,7 @@ NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
 
 @dataclass(frozen=True)
 class Fineness:
-    """What a part is given, however small it is."""
+    """Least number of cells of a part, and how much its faces are simplified."""
 
     least: int  # cells along each axis of its cuboid
     even: float  # faces are made fewer where that moves the surface by no more, in the shortest steps
@@ -38,7 +38,7 @@ PREVIEW = Fineness(12, 0.2)  # where a surface is to be there at once
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What a network makes of one cuboid.
+    """The closed solid that a network has in one cuboid.
 
     It depends on the network, the part's code, the cuboid and the cells, not on other cuboids.
     """

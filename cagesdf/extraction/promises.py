@@ -1,4 +1,4 @@
-"""What is promised of every surface: within its cuboids, closed, manifold, outward; symmetric on demand."""
+"""Invariants of every surface: within its cuboids, closed, manifold, outward; symmetric on demand."""
 
 from collections.abc import Callable, Mapping
 
