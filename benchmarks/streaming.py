@@ -121,10 +121,10 @@ def beside(data: StreamedPoints, batch: int, held: bool) -> float:
         batches.at = lambda step: first  # type: ignore[method-assign]
     steps = max(int(300_000 * SECONDS / (batch * CHUNK)), 3)
     settings = TrainSettings(
-        steps, 1e-3, 1e-2, "cosine", 1, 0.0, 1e-4, fitting_precision("auto", "cpu"), steps, steps, ()
+        steps, 1e-3, 1e-2, 1e-2, 0.0, "cosine", 1, 0.0, 1e-4, fitting_precision("auto", "cpu"), steps, steps, ()
     )
     begun = time.perf_counter()
-    train(decoder, latents, batches, settings, Checkpoint(Path("nowhere")), lambda step, loss: None)
+    train(decoder, latents, None, batches, settings, Checkpoint(Path("nowhere")), lambda step, loss: None)
     return steps * batch * CHUNK / (time.perf_counter() - begun)
 
 

@@ -144,6 +144,8 @@ class TrainParams(Params):
     bundle: Count  # of them, those that share a deformed shape
     learning_rate: Positive
     latent_learning_rate: Positive
+    code_learning_rate: Positive  # TriplaneDecoder: of the parts' codes while those come first
+    codes_first: Share  # share of the steps in which they do, and the transformer learns them
     schedule: Literal["cosine", "halve"]  # to zero, or halved every `halve_every` steps
     halve_every: Count
     precision: Literal["auto", "float32", "bfloat16"]  # of the matrix products; auto: as the processor has it

@@ -7,11 +7,13 @@ After an interruption the same command goes on from the last file in checkpoints
 machines, `torchrun --nproc-per-node 2 -m stages.train` with the same arguments (docs/training.md).
 """
 
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
 import torch
 
+from cagesdf.cuboid import Sequence
 from cagesdf.errors import InputError
 from cagesdf.io.cuboids import read_assemblies
 from cagesdf.io.points import CHUNK
@@ -20,11 +22,12 @@ from cagesdf.io.runs import Run, write_run, write_snapshot
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
-from cagesdf.models.decoders import TrainsOn
+from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.base import Structure
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import Ranks, joined_ranks
+from cagesdf.training.free_codes import FreeCodes
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
 from cagesdf.training.precision import fitting_precision, processor
@@ -67,9 +70,10 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
     keys = data.latent_keys(params.latents)
     latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
     settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
+    free = free_codes(decoder, latents, cages)
     batches = data.batches(latents, params.batch_chunks, params.bundle, params.seed)
     if folder is None:
-        train(decoder, latents, batches, settings, checkpoint, lambda step, loss: None, ranks)
+        train(decoder, latents, free, batches, settings, checkpoint, lambda step, loss: None, ranks)
         return checkpoint
 
     count = {"sampled": data.sampled, "used": data.used}
@@ -80,6 +84,7 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
         log = train(
             decoder,
             latents,
+            free,
             batches,
             settings,
             checkpoint,
@@ -103,6 +108,14 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
     for steps, tensors in checkpoint.kept().items():
         write_snapshot(folder, steps, tensors)
     return checkpoint
+
+
+def free_codes(decoder: Decoder, latents: LatentTable, sequences: Mapping[str, Sequence]) -> FreeCodes | None:
+    """Codes that come first, where a network makes the parts' codes."""
+    if decoder.code_dim is None:
+        return None
+    parts = max(len(sequences[shape_id].cages[0]) for shape_id, _ in latents.keys)
+    return FreeCodes(len(latents), parts, decoder.code_dim).to(latents.values.device)
 
 
 def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, Structure]:

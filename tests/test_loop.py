@@ -17,13 +17,17 @@ from cagesdf.training import checkpoint as checkpoint_module
 from cagesdf.training.batches import Batch, Cages, MemoryBatches, latent_keys, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import ALONE, Ranks
+from cagesdf.training.free_codes import DRAWN, FreeCodes, code_distance
 from cagesdf.training.gradients import SLICE, Gradients, slice_threads, slices
 from cagesdf.training.loop import TrainSettings, rate, train
+from stages.train import free_codes
 
 SETTINGS = TrainSettings(
     steps=20,
     learning_rate=5e-3,
     latent_learning_rate=5e-3,
+    code_learning_rate=2e-2,
+    codes_first=0.5,
     schedule="cosine",
     halve_every=10,
     clamp=0.0,
@@ -60,7 +64,8 @@ def training(
         if stop is not None and step >= stop:
             raise Stopped
 
-    log = train(network, table, batches, settings, Checkpoint(folder), report, ranks)
+    free = free_codes(network, table, spheres.sequences())
+    log = train(network, table, free, batches, settings, Checkpoint(folder), report, ranks)
     return {**network.state_dict(), "latents": table.values.detach()}, log, reported
 
 
@@ -258,6 +263,51 @@ def test_gradients_are_those_of_the_whole_loss_at_once(
         given = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
         torch.testing.assert_close(given, gradient, rtol=1e-3, atol=1e-5)
     assert not table.values.grad[0].any(), "no group is of the second cage, which has the first latent"
+
+
+def test_while_codes_come_first_the_decoder_reads_those_and_the_transformer_is_drawn_to_them() -> None:
+    network = make_decoder("TriplaneDecoder", **spheres.SIZES, seed=0)
+    table = LatentTable.drawn(tuple((name, -1) for name in "xyz"), 4, 1.0, seed=0)
+    free = FreeCodes(3, 3, spheres.SIZES["code_dim"])
+    with torch.no_grad():
+        free.values.normal_(generator=torch.Generator().manual_seed(0))
+    batch = two_parts().to("cpu")
+    cages = batch.cages
+    transformer = [*network.transformer.parameters(), table.values]
+    others = [p for name, p in network.named_parameters() if not name.startswith("transformer.")]
+
+    read = free.values[cages.latent, : cages.cuboids.shape[1]][batch.shape, batch.part]
+    errors = (network(batch.points, read, batch.cuboid) - batch.sdf).abs() / network.unit(batch.cuboid)[:, None]
+    loss = 0.7 * (batch.weight * errors.mean(dim=1)).mean()
+    codes = network.codes(table(cages.latent), cages.cuboids, cages.present)
+    apart = [  # a part at a time
+        (codes[shape, part] - free.values[cages.latent[shape], part]).detach().square().sum()
+        for shape, part in cages.present.nonzero().tolist()
+    ]
+    distance = code_distance(codes, free(cages), cages)
+    assert distance.item() == pytest.approx(torch.stack(apart).mean().item(), rel=1e-5)
+    expected = torch.autograd.grad(loss, [*others, free.values])
+    drawn = torch.autograd.grad(0.7 * DRAWN * distance, transformer)
+
+    with slice_threads() as (pool, threads):
+        value = Gradients(network, table, 0.0, "float32", pool, threads).add(batch, 0.7, free)
+    assert float(value) == pytest.approx(loss.item(), rel=1e-5)
+    for parameter, gradient in zip([*others, free.values, *transformer], [*expected, *drawn], strict=True):
+        torch.testing.assert_close(parameter.grad, gradient, rtol=1e-3, atol=1e-6)
+
+
+def test_codes_that_come_first_are_taken_over_by_the_transformer(tmp_path: Path) -> None:
+    """The loss of the last steps, by the shape's code alone, is about that of the free codes."""
+    settings = replace(SETTINGS, steps=120, learning_rate=1e-2, codes_first=0.8, log_every=24, snapshots=())
+    log = training(tmp_path, settings, batch=16)[1]
+    assert log[-1]["l1"] < 0.2 * log[0]["l1"]
+    assert log[-1]["l1"] < 2 * log[-2]["l1"]
+
+
+def test_free_codes_that_never_come_first_change_nothing(tmp_path: Path) -> None:
+    never = replace(SETTINGS, codes_first=0.0)
+    one, other = (training(tmp_path / str(rate), replace(never, code_learning_rate=rate))[0] for rate in (1e-3, 1.0))
+    assert all(torch.equal(one[name], other[name]) for name in one)
 
 
 @pytest.mark.parametrize("decoder", sorted(DECODERS))

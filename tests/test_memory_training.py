@@ -41,7 +41,7 @@ network = make_decoder(values["decoder"], **sizes, seed=0)
 settings = TrainSettings(**{field.name: values[field.name] for field in fields(TrainSettings)})
 peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 before = peak()
-log = train(network, table, Drawn(), settings, Checkpoint(folder), lambda step, loss: None)
+log = train(network, table, None, Drawn(), settings, Checkpoint(folder), lambda step, loss: None)
 print(json.dumps({"before": before, "peak": peak(), "points": groups * 64, "l1": log[-1]["l1"]}))
 """
 BOUND = 1.5e9  # bytes over the process as it starts training; layers' outputs of the whole batch alone take 4.3e9

@@ -28,6 +28,7 @@ class Decoder(nn.Module, ABC):
     """A network in four steps: the codes of a cage's parts, what groups need once, what is given of points, layers."""
 
     trains_on: ClassVar[TrainsOn]
+    code_dim: int | None = None  # numbers of a part's code where a network makes it; None: it is the latent itself
 
     def codes(
         self, latent: Float[Tensor, "s d"], cuboids: Float[Tensor, "s p 15"], present: Bool[Tensor, "s p"]

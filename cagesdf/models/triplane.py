@@ -48,6 +48,7 @@ class TriplaneDecoder(Decoder):
         """
         super().__init__()
         self.octaves = octaves
+        self.code_dim = code_dim
         self.cells = cells
         self.channels = channels
         self.transformer = CageTransformer(latent_dim, CUBOID, context, context_layers, heads, code_dim)
@@ -81,12 +82,12 @@ class TriplaneDecoder(Decoder):
         self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        planes, film = condition[:, : self.planes.out_features], condition[:, self.planes.out_features : -1]
-        layers = film.view(len(film), len(self.hidden), 2, -1)
+        sizes = [self.planes.out_features, condition.shape[1] - self.planes.out_features - 1, 1]
+        planes, film, unit = condition.split(sizes, dim=1)  # slices would have a gradient of the whole, mostly zeros
+        scales, shifts = film.view(len(film), len(self.hidden), 2, -1).unbind(dim=2)
         given = torch.cat([self.read(planes, features[..., :3]), features], dim=-1)
         weights = [layer.get_parameter("weight") for layer in self.hidden]
-        hidden = modulated(given, 1 + layers[:, :, 0], layers[:, :, 1], 0, weights, products)
-        return self.out(hidden)[..., 0] * condition[:, -1:]
+        return self.out(modulated(given, 1 + scales, shifts, 0, weights, products))[..., 0] * unit
 
     def read(self, planes: Float[Tensor, "g f"], unit: Float[Tensor, "g n 3"]) -> Float[Tensor, "g n c"]:
         """The planes' features at points of the unit frame, between cells bilinearly; beyond, the border's."""

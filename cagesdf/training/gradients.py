@@ -12,6 +12,7 @@ from torch import Tensor
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch
+from cagesdf.training.free_codes import DRAWN, FreeCodes, code_distance
 from cagesdf.training.losses import distance_errors, shape_mean
 from cagesdf.training.precision import Precision
 
@@ -41,15 +42,17 @@ class Gradients:
         self.pool, self.threads = pool, threads
         self.parameters = list(decoder.parameters())
 
-    def add(self, batch: Batch, weight: float) -> Tensor:
+    def add(self, batch: Batch, weight: float, free: FreeCodes | None = None) -> Tensor:
         """Add the gradient of `weight` × `shape_mean` to those of parameters and latents; returns that value.
 
-        The batch has the cages of its own groups alone.
+        The batch has the cages of its own groups alone. With `free` the decoder reads those codes, and its own are
+        drawn to them.
         """
         total = torch.zeros((), device=batch.sdf.device)
         cages = batch.cages
         codes = self.decoder.codes(self.latents(cages.latent), cages.cuboids, cages.present)
-        code = codes[batch.shape, batch.part]
+        read = codes if free is None else free(cages)
+        code = read[batch.shape, batch.part]
         to_code = []
         runs = slices(len(batch.weight), SLICE.get(batch.sdf.device.type, LARGE))
         for first in range(0, len(runs), self.threads):  # no more gradients are held than there are threads
@@ -61,6 +64,8 @@ class Gradients:
                 for parameter, gradient in zip(self.parameters, gradients, strict=True):
                     _add(parameter, gradient)
         code.backward(torch.cat(to_code) if to_code else torch.zeros_like(code))
+        if free is not None and len(batch.weight):
+            (weight * DRAWN * code_distance(codes, read, cages)).backward()
         return total
 
     def _of(

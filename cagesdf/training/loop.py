@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from cagesdf.errors import InputError
 from cagesdf.models.decoders import Decoder
@@ -14,9 +14,12 @@ from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batches
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.distributed import ALONE, Ranks
+from cagesdf.training.free_codes import FreeCodes
 from cagesdf.training.gradients import Gradients, slice_threads
 from cagesdf.training.losses import latent_penalty
 from cagesdf.training.precision import Precision
+
+Learnt = list[tuple[str, nn.Parameter]]  # what is trained, by name
 
 DIVERGED = 10  # times the loss of the log's first row; learning only lowers it
 
@@ -28,6 +31,8 @@ class TrainSettings:
     steps: int  # optimiser steps
     learning_rate: float  # of the decoder, as training starts
     latent_learning_rate: float  # of the latents, as training starts
+    code_learning_rate: float  # of free codes of parts, as training starts
+    codes_first: float  # share of the steps in which the decoder reads those
     schedule: Literal["cosine", "halve"]  # see `rate`
     halve_every: int  # steps; for the schedule of that name
     clamp: float  # of distances, in the decoder's unit; 0: none
@@ -41,6 +46,7 @@ class TrainSettings:
 def train(
     decoder: Decoder,
     latents: LatentTable,
+    free: FreeCodes | None,
     batches: Batches,
     settings: TrainSettings,
     checkpoint: Checkpoint,
@@ -48,6 +54,8 @@ def train(
     ranks: Ranks = ALONE,
 ) -> list[dict[str, int | float]]:
     """Train in place, from where `checkpoint` stopped if it did; returns the log.
+
+    With `free` codes those come first, zero as they are given: see `FreeCodes`.
 
     Several `ranks` call this alike, each with the whole of every batch, of which it takes its share;
     the first one's checkpoint is read and written, and all end with the same bits. A resumed training
@@ -59,11 +67,15 @@ def train(
     Raises InputError when the loss is no longer finite, or has grown tenfold; what was saved before stays.
     """
     device = latents.values.device
-    optimiser = torch.optim.Adam([{"params": list(decoder.parameters())}, {"params": [latents.values]}], fused=True)
-    rates = (settings.learning_rate, settings.latent_learning_rate)
+    tables = [latents.values] if free is None else [latents.values, free.values]
+    groups = [list(decoder.parameters()), *([table] for table in tables)]
+    optimiser = torch.optim.Adam([{"params": group} for group in groups], fused=True)
+    rates = (settings.learning_rate, settings.latent_learning_rate, settings.code_learning_rate)
+    first = round(settings.codes_first * settings.steps)
+    learnt = _parameters(decoder, latents, free)
     sums = torch.zeros(2, device=device)
     log: list[dict[str, int | float]] = []
-    start = _resume(decoder, latents, optimiser, sums, log, ranks.told(checkpoint.load() if ranks.first else None))
+    start = _resume(learnt, optimiser, sums, log, ranks.told(checkpoint.load() if ranks.first else None))
     report(start, log[-1]["loss"] if log else math.nan)
     with slice_threads() as (pool, threads):
         gradients = Gradients(decoder, latents, settings.clamp, settings.precision, pool, threads)
@@ -74,8 +86,8 @@ def train(
             batch = batches.at(step)
             mine = ranks.share(len(batch.weight))
             own = batch.run(slice(mine.start, mine.stop)).to(device)
-            l1 = gradients.add(own, len(mine) / len(batch.weight))
-            _add_ranks(decoder, latents, l1, ranks)
+            l1 = gradients.add(own, len(mine) / len(batch.weight), free if step < first else None)
+            _add_ranks(learnt, l1, ranks)
             penalty = settings.latent_weight * latent_penalty(latents.values)
             penalty.backward()  # after the sum over ranks: each would add it
             optimiser.step()
@@ -86,22 +98,23 @@ def train(
                 sums.zero_()
                 report(done, log[-1]["loss"])
             if done in settings.snapshots and done < settings.steps and ranks.first:
-                checkpoint.keep(done, dict(_parameters(decoder, latents)))
+                checkpoint.keep(done, dict(_parameters(decoder, latents, None)))
             if done % settings.checkpoint_every == 0 and done < settings.steps:
-                tensors = _state(decoder, latents, optimiser, sums, done, checkpoint)
+                tensors = _state(learnt, optimiser, sums, done, checkpoint)
                 if ranks.first:
                     checkpoint.save(tensors, {"step": done, "log": log})
     return log
 
 
-def _add_ranks(decoder: Decoder, latents: LatentTable, l1: Tensor, ranks: Ranks) -> None:
+def _add_ranks(learnt: Learnt, l1: Tensor, ranks: Ranks) -> None:
     """Gradients and value of all ranks' shares together."""
     if ranks.size > 1:
-        parameters = [parameter for _, parameter in _parameters(decoder, latents)]
-        for parameter in parameters:  # a rank without groups has none
-            if parameter.grad is None:
+        gradients = []
+        for _, parameter in learnt:
+            if parameter.grad is None:  # a rank without groups has none
                 parameter.grad = torch.zeros_like(parameter)
-        ranks.add([*(parameter.grad for parameter in parameters), l1])
+            gradients.append(parameter.grad)
+        ranks.add([*gradients, l1])
 
 
 def rate(step: int, settings: TrainSettings) -> float:
@@ -129,8 +142,7 @@ def _row(
 
 
 def _state(
-    decoder: Decoder,
-    latents: LatentTable,
+    learnt: Learnt,
     optimiser: torch.optim.Optimizer,
     sums: Tensor,
     step: int,
@@ -138,7 +150,7 @@ def _state(
 ) -> dict[str, Tensor]:
     """All tensors that the rest of the training depends on. Raises InputError if one is not finite."""
     tensors = {"sums": sums}
-    for name, parameter in _parameters(decoder, latents):
+    for name, parameter in learnt:
         tensors[name] = parameter
         tensors |= {f"adam.{key}.{name}": value for key, value in optimiser.state[parameter].items()}
     for name, tensor in tensors.items():
@@ -156,8 +168,7 @@ def _last_good(checkpoint: Checkpoint) -> str:
 
 
 def _resume(
-    decoder: Decoder,
-    latents: LatentTable,
+    learnt: Learnt,
     optimiser: torch.optim.Optimizer,
     sums: Tensor,
     log: list[dict[str, int | float]],
@@ -168,7 +179,7 @@ def _resume(
     tensors, facts = saved
     with torch.no_grad():
         sums.copy_(tensors["sums"])
-        for name, parameter in _parameters(decoder, latents):
+        for name, parameter in learnt:
             parameter.copy_(tensors[name])
             optimiser.state[parameter] = {
                 key: tensors[f"adam.{key}.{name}"].to(parameter.device) for key in ("step", "exp_avg", "exp_avg_sq")
@@ -177,6 +188,6 @@ def _resume(
     return int(facts["step"])
 
 
-def _parameters(decoder: Decoder, latents: LatentTable) -> list[tuple[str, Any]]:
+def _parameters(decoder: Decoder, latents: LatentTable, free: FreeCodes | None) -> Learnt:
     named = [(f"decoder.{name}", parameter) for name, parameter in decoder.named_parameters()]
-    return [*named, ("latents", latents.values)]
+    return [*named, ("latents", latents.values), *([] if free is None else [("codes", free.values)])]
