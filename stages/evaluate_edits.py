@@ -13,7 +13,7 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
 from cagesdf.evaluation.trials import Trial
-from cagesdf.extraction import LOOSE, extract, field_of
+from cagesdf.extraction import LOOSE, LiveSurface, field_of
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.trials import TrialFolder, read_trials
@@ -47,7 +47,11 @@ def try_arms(
     torch.set_num_threads(1)  # a thread a process, also where all is done in this one
     about = source.definitions
     trials = [source.read(trial_id) for trial_id in trial_ids]
-    surfaces = {(arm, trial.trial_id): surface_of(run, params, trial) for arm, run in arms.items() for trial in trials}
+    # One for all trials of a shape: cuboids that an edit leaves as they are need not be asked again.
+    live = {arm: LiveSurface(params.resolution, loose=LOOSE[params.loose]) for arm in arms}
+    surfaces = {
+        (arm, trial.trial_id): surface_of(run, live[arm], trial) for arm, run in arms.items() for trial in trials
+    }
     rest = next((trial for trial in trials if trial.kind == "rest"), None)
     rows = []
     for trial in trials:
@@ -64,12 +68,12 @@ def try_arms(
     return rows, {(arm, trial_id): mesh for (arm, trial_id), mesh in surfaces.items() if trial_id in swaps}
 
 
-def surface_of(run: Run, params: EditsParams, trial: Trial) -> Mesh:
+def surface_of(run: Run, live: LiveSurface, trial: Trial) -> Mesh:
     """What the arm makes of a trial's cuboids and style."""
     rest = run.sequences[trial.shape_id].cages[0]  # edits keep the codes that parts have there
     field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
     try:
-        return extract(field, params.resolution, loose=LOOSE[params.loose]).mesh
+        return live.surface(field).mesh
     except ValueError as error:
         error.add_note(f"trial {trial.trial_id}")
         raise
