@@ -13,7 +13,7 @@ from cagesdf.frames import Similarity
 from cagesdf.matching import Match
 from cagesdf.meshes import Mesh
 from cagesdf.shape import Shape
-from cagesdf.solid import union
+from cagesdf.solid import outer_surface
 from cagesdf.structure.assembly import Assembly
 
 SMALLEST = 1e-3  # the program's unit: a millimetre, for furniture; a thinner cuboid on the way is degenerate
@@ -162,11 +162,10 @@ def follow_own_cuboids(shape: Shape, rest: Cage, moved: Cage) -> list[Mesh]:
 def solids_in_cuboids(shape: Shape, rest: Cage) -> list[Mesh]:
     """The parts, each in the unit frame of its own cuboid.
 
-    A part that follows its own cuboid alone has this surface at every step. Pieces of a part that overlap must be
-    united already, as `make_solid` does: manifold3d takes what lies inside of a single mesh for meant. Raises
-    ValueError if one isn't closed.
+    A part that follows its own cuboid alone has this surface at every step, without the faces inside it where
+    its components overlap or touch. Raises ValueError if one isn't closed.
     """
-    solids = [union([part.mesh]) for part in shape.parts]
+    solids = [outer_surface(part.mesh) for part in shape.parts]
     return [mesh.with_vertices(rest.to_unit(mesh.vertices, i)) for i, mesh in enumerate(solids)]
 
 

@@ -111,11 +111,44 @@ def union(meshes: list[Mesh]) -> Mesh:
 
     Raises ValueError if a mesh isn't closed, naming its position.
     """
+    return from_manifold(_add(_closed_solids(meshes)))
+
+
+def outer_surface(mesh: Mesh) -> Mesh:
+    """The outer surface of one closed, outward mesh whose connected components may overlap or touch.
+
+    `union` takes components of one mesh for meant and keeps the faces inside. A mesh whose components
+    have disjoint bounding boxes, as one with a single component, comes back as it is. A component that is
+    inside out is a cavity of the smallest other that contains it. Raises ValueError as `union`.
+    """
+    [whole] = _closed_solids([mesh])
+    components = whole.decompose()
+    solids = sorted((part for part in components if part.volume() > 0), key=lambda part: part.volume())
+    if _boxes_are_disjoint(solids):
+        return mesh
+    for cavity in (_flipped(from_manifold(part)) for part in components if part.volume() < 0):
+        hole = as_manifold(cavity)
+        owner = next((i for i, part in enumerate(solids) if (hole - part).volume() < 1e-3 * hole.volume()), None)
+        if owner is not None:
+            solids[owner] -= hole
+    return from_manifold(_add(solids))
+
+
+def _boxes_are_disjoint(solids: Sequence[manifold3d.Manifold]) -> bool:
+    """Whether no axis-aligned bounding box of a solid touches another's."""
+    boxes = np.array([solid.bounding_box() for solid in solids]).reshape(-1, 2, 3)
+    return not any(
+        ((boxes[:i, 0] <= high) & (boxes[:i, 1] >= low)).all(axis=1).any() for i, (low, high) in enumerate(boxes)
+    )
+
+
+def _closed_solids(meshes: list[Mesh]) -> list[manifold3d.Manifold]:
+    """Each mesh as a solid. Raises ValueError if one isn't closed, naming its position."""
     solids = [as_manifold(mesh) for mesh in meshes]
     for i, solid in enumerate(solids):
         if solid.status() != manifold3d.Error.NoError:
             raise ValueError(f"mesh {i} of {len(meshes)} is no closed solid ({solid.status()}); make it solid first")
-    return from_manifold(manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add))
+    return solids
 
 
 def cage_surface(cage: Cage) -> Mesh:

@@ -17,6 +17,7 @@ from cagesdf.solid import (
     as_manifold,
     cap,
     make_solid,
+    outer_surface,
     pieces,
     thickness,
     union,
@@ -280,3 +281,44 @@ def test_a_surface_that_runs_into_itself_becomes_its_outside() -> None:
     assert coil.method == "untangled"
     assert_same_solid(coil.mesh, union([broken.loop(0, 4), broken.loop(3.5, 7)]), 1e-6)
     assert make_solid(broken.loop(0, 5), 1e-5, 1e-4).method == "none"
+
+
+def test_the_outer_surface_has_no_face_inside_where_components_overlap_touch_or_hold_each_other() -> None:
+    other = toy.box([0.4, 0.1, 0], [1, 0.5, 0.1])
+    touching = toy.box([0, 0, 0], [1, 0.5, 0.25]), toy.box([1, 0, 0], [1, 0.5, 0.25])
+    for components in ([BOX, other], touching, [BALL, toy.ball([0, 0, 0], 0.3)]):
+        mesh = join([*components])
+        assert len(union([mesh]).faces) == len(mesh.faces), "what `union` alone leaves as it is"
+        assert_same_solid(outer_surface(mesh), union([*components]))
+    assert len(outer_surface(join([*touching])).faces) < 24
+
+
+def test_the_outer_surface_of_one_component_or_of_some_apart_is_the_mesh_itself() -> None:
+    for mesh in (BOX, TUBE, join([BOX, toy.ball([0, 0.7, 0], 0.2)])):
+        assert outer_surface(mesh) is mesh
+
+
+def test_a_cavity_stays_one_when_its_solid_overlaps_another_and_what_is_in_it_stays() -> None:
+    hollow = join([BALL, flipped(toy.ball([0, 0, 0], 0.3))])
+    inside, through = toy.ball([0, 0, 0], 0.1), toy.box([0, 0, 0], [2, 0.05, 0.05])
+    assert outer_surface(hollow) is hollow
+    for other in (inside, through):
+        wanted = as_manifold(hollow) + as_manifold(other)
+        assert signed_volume(outer_surface(join([hollow, other]))) == pytest.approx(wanted.volume())
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_uniting_components_commutes_with_affine_maps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = join([toy.box(rng.uniform(-0.4, 0.4, 3), rng.uniform(0.1, 0.8, 3)) for _ in range(3)])
+    matrix = rng.normal(size=(3, 3))
+    matrix *= np.sign(np.linalg.det(matrix))
+    before = outer_surface(mesh)
+    assert_same_solid(
+        outer_surface(mesh.with_vertices(mesh.vertices @ matrix)), before.with_vertices(before.vertices @ matrix)
+    )
+
+
+def test_a_mesh_that_is_no_solid_has_no_outer_surface() -> None:
+    with pytest.raises(ValueError, match="mesh 0 of 1 is no closed solid"):
+        outer_surface(Mesh(BOX.vertices, BOX.faces[1:]))
