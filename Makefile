@@ -52,8 +52,8 @@ own: .venv/installed
 demo: .venv/installed
 	@folder=$$(python -m pipeline.workspace profile demo) && (cd "$$folder" && $(REPRO)) && \
 	rm -rf cagesdf/demo/run cagesdf/demo/programs && mkdir -p cagesdf/demo/run cagesdf/demo/programs && \
-	cp "$$folder"/data/runs/chair/cagesdf/*.* cagesdf/demo/run && \
-	cp "$$folder"/data/programs/chair/*.* cagesdf/demo/programs && rm cagesdf/demo/*/log.jsonl
+	cp "$$folder"/data/runs/mixed/cagesdf/*.* cagesdf/demo/run && \
+	cp "$$folder"/data/programs/mixed/*.* cagesdf/demo/programs && rm cagesdf/demo/*/log.jsonl
 
 test: .venv/installed-dev
 	python -m pytest -n 2 --dist loadfile --no-loadscope-reorder

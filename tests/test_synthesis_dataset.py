@@ -47,6 +47,19 @@ def test_there_are_six_families_with_five_members_each(category: str) -> None:
     assert min(families.values()) >= 5
 
 
+def test_a_mixed_data_set_has_all_categories_in_equal_shares() -> None:
+    drawn = draw_recipes("mixed", 25, 7, np.random.default_rng(1))
+    assert Counter((recipe.category, recipe.split) for recipe in drawn) == {
+        ("chair", "train"): 9, ("table", "train"): 8, ("vase", "train"): 8,
+        ("chair", "val"): 3, ("table", "val"): 2, ("vase", "val"): 2,
+    }  # fmt: skip
+    assert len({recipe.shape_id for recipe in drawn}) == len(drawn)
+    assert all(recipe.shape_id.startswith(recipe.category) for recipe in drawn)
+    assert {recipe.same_cage for recipe in drawn} - {""} <= {recipe.shape_id for recipe in drawn}
+    with pytest.raises(InputError, match="wanted one of chair, table, vase or mixed"):
+        draw_recipes("lamp", 1, 0, np.random.default_rng(1))
+
+
 @pytest.mark.parametrize("category", EACH)
 def test_members_of_a_family_share_a_signature_and_families_do_not(category: str) -> None:
     signatures = {(recipe.family, draw(recipe).structure.signature()) for recipe in recipes(category)}

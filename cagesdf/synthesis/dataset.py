@@ -16,23 +16,28 @@ from cagesdf.synthesis.tables import TABLES
 from cagesdf.synthesis.vases import VASES
 
 CATEGORIES: dict[str, Category] = {"chair": CHAIRS, "table": TABLES, "vase": VASES}
+MIXED = "mixed"  # shapes of all categories together
 NOISE = 0.12  # of the driven factor, as a share of its range
 
 
 def draw_recipes(category: str, train: int, val: int, rng: np.random.Generator) -> list[Recipe]:
-    """Recipes of a data set: first `train`, then `val`, families in turn.
+    """Recipes of a data set: of each category first `train`, then `val`, families in turn.
 
-    Of a family's shapes in one split, one in four has the cage of an earlier one and a fresh
+    MIXED is a data set of all categories, in equal shares, the first ones' a shape larger if need be. Of a family's shapes in one split, one in four has the cage of an earlier one and a fresh
     style, and one in four the style of an earlier one and a fresh cage. The splits share
     neither. Raises InputError for an unknown category.
     """
-    if category not in CATEGORIES:
-        raise InputError(f"category {category!r}: wanted one of {', '.join(CATEGORIES)}")
+    if category not in (*CATEGORIES, MIXED):
+        raise InputError(f"category {category!r}: wanted one of {', '.join(CATEGORIES)} or {MIXED}")
+    names = list(CATEGORIES) if category == MIXED else [category]
     recipes: list[Recipe] = []
-    for split, count in (("train", train), ("val", val)):
-        begun = len(recipes)
-        for _ in range(count):
-            recipes.append(_draw(category, split, recipes[begun:], len(recipes), rng))
+    for place, name in enumerate(names):
+        of_category: list[Recipe] = []
+        for split, count in (("train", train), ("val", val)):
+            begun = len(of_category)
+            for _ in range((count + len(names) - 1 - place) // len(names)):
+                of_category.append(_draw(name, split, of_category[begun:], len(of_category), rng))
+        recipes += of_category
     return recipes
 
 
