@@ -31,7 +31,8 @@ def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:
         arms = {arm: run for arm, path in folders.items() if (run := read_run(path)).decoder.trains_on != "cube"}
         source = read_trials(trials)
         of_shape: dict[str, list[str]] = {}
-        for trial_id, row in source.rows.items():
+        # Trials of one style follow each other: a swap's surface is asked once for both of its truths.
+        for trial_id, row in sorted(source.rows.items(), key=lambda item: (item[1]["style_of"], item[0])):
             of_shape.setdefault(row["shape_id"], []).append(trial_id)
         try_some = partial(try_arms, arms, source, params)
         done, _ = parallel_map(try_some, list(of_shape.values()), rejects=ShapeRejected, label="evaluate_edits")

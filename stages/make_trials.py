@@ -12,7 +12,7 @@ from cagesdf.deformation import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
-from cagesdf.evaluation.swaps import box_warp, swap_trial, swaps_of
+from cagesdf.evaluation.swaps import swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
 from cagesdf.io.edits import write_edits
 from cagesdf.io.sequences import read_sequences
@@ -37,13 +37,14 @@ def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsPara
         edit = partial(edit_one, source, cages, params)
         swaps, _ = parallel_map(swap, swapped, rejects=ShapeRejected, label="make_trials, swaps")
         edits, _ = parallel_map(edit, edited, rejects=ShapeRejected, label="make_trials, others")
-        made = [*swaps, *(item for items, _ in edits for item in items)]
+        made = [*(item for items in swaps for item in items), *(item for items, _ in edits for item in items)]
         skipped = sum(count for _, count in edits)
         about = definitions(params.points, params.detail, params.seed)
         write_trials(folder, [trial for trial, _ in made], about, skipped)
         write_edits(folder / "references.parquet", [row for _, rows in made for row in rows], about)
         print(
-            f"{len(swaps)} swaps of {len(pairs)}, {len(made) - len(swaps)} other trials; {skipped} left out: too thin"
+            f"{len(swaps)} swaps of {len(pairs)}, {len(made) - 2 * len(swaps)} other trials; "
+            f"{skipped} left out: too thin"
         )
 
 
@@ -53,14 +54,16 @@ def swap_one(
     recipes: Mapping[str, Recipe],
     params: TrialsParams,
     pair: tuple[str, str],
-) -> tuple[Trial, list[Row]]:
-    """The swap of a shape's cuboids with another's style, and its references."""
+) -> list[tuple[Trial, list[Row]]]:
+    """A shape's cuboids with another's style, against both truths, and their references."""
     shape, styled = (source.read(shape_id) for shape_id in pair)
-    rest = cages[shape.shape_id].cages[0]
-    trial = swap_trial(shape, rest, styled.shape_id, recipes)
-    warped = box_warp(styled, cages[styled.shape_id].cages[0], shape, rest)
+    cage, styled_cage = (cages[shape_id].cages[0] for shape_id in pair)
+    swap, warp = swap_trials(shape, cage, styled, styled_cage, recipes)
     unchanged = union([part.mesh for part in shape.parts])
-    return trial, measured(trial, {"unchanged": unchanged, "box_warp": warped}, params)
+    return [
+        (swap, measured(swap, {"unchanged": unchanged, "box_warp": warp.truth}, params)),
+        (warp, measured(warp, {"unchanged": unchanged}, params)),
+    ]
 
 
 def edit_one(

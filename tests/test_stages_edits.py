@@ -12,6 +12,7 @@ from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import aligned_cage, interpolated_cage
 from cagesdf.errors import InputError
 from cagesdf.evaluation.tables import gather_edits
+from cagesdf.evaluation.trials import SWAPS
 from cagesdf.importing import import_shape
 from cagesdf.io.edits import read_edit_surface, read_edits
 from cagesdf.io.runs import Run, write_run
@@ -108,8 +109,8 @@ def done(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_there_are_as_many_trials_of_each_kind_as_the_parameters_ask_for(done: Path) -> None:
     trials = read_trials(done / "trials")
     counts = trials.counts()
-    assert {kind: counts[kind] for kind in ("rest", "local", "bent", "swap")} == {
-        "rest": 2, "local": 4, "bent": 2, "swap": 2,
+    assert {kind: counts[kind] for kind in ("rest", "local", "bent", "swap", "warp")} == {
+        "rest": 2, "local": 4, "bent": 2, "swap": 2, "warp": 2,
     }  # fmt: skip
     assert counts["beyond"] + counts["left_out"] == 2 * 3
     assert counts["left_out"] > 0
@@ -135,7 +136,7 @@ def test_references_stand_where_they_must(done: Path) -> None:
     for row in rows:
         if row["arm"] == "ground_truth":
             assert (row["kind"], row["distance"]) == ("rest", pytest.approx(0, abs=1e-6))
-        if row["kind"] == "swap" and row["arm"] == "unchanged":
+        if row["kind"] in SWAPS and row["arm"] == "unchanged":
             assert row["gain"] == 0
         if row["arm"] == "box_warp":
             assert row["kind"] in ("swap", "bent"), "of all others it is the truth"
@@ -150,7 +151,7 @@ def test_an_arm_has_a_row_a_trial_and_one_without_cuboids_has_none(done: Path) -
     for row in rows:
         assert row["arm"] == "cagesdf"
         assert row["refit"] < 20, "it fills its cuboids"
-        assert np.isnan(row["gain"]) == (row["kind"] != "swap")
+        assert np.isnan(row["gain"]) == (row["kind"] not in SWAPS)
     files = [(rows, about), read_edits(done / "trials" / "references.parquet")]
     table = gather_edits({"vase": files}, {"vase": ARMS})["categories"]["vase"]
     assert sorted(table) == ["box_warp", "cagesdf", "deepsdf", "ground_truth", "unchanged"]

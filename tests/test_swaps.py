@@ -7,7 +7,7 @@ import pytest
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.distance import SurfaceDistance
-from cagesdf.evaluation.swaps import box_warp, differ, in_style, swap_trial, swaps_of
+from cagesdf.evaluation.swaps import box_warp, differ, in_style, swap_trials, swaps_of
 from cagesdf.importing import import_shape
 from cagesdf.meshes import Mesh, is_closed
 from cagesdf.shape import RawShape, Shape
@@ -64,27 +64,37 @@ def test_in_its_own_style_a_shape_is_itself(pair: list[Recipe]) -> None:
     a, b = pair
     shape, rest = shape_of(a)
     assert all(not differ(x, y.mesh) for x, y in zip(in_style(shape, rest, a, a.style), shape.parts))
-    trial = swap_trial(shape, rest, b.shape_id, {a.shape_id: a, b.shape_id: b})
-    assert (trial.kind, trial.shape_id, trial.style_of) == ("swap", a.shape_id, b.shape_id)
-    assert apart(trial.truth, union([part.mesh for part in shape.parts])) > 0.005
+    trials = swap_trials(shape, rest, *shape_of(b), {a.shape_id: a, b.shape_id: b})
+    assert [trial.kind for trial in trials] == ["swap", "warp"]
+    for trial in trials:
+        assert (trial.shape_id, trial.style_of, trial.cage) == (a.shape_id, b.shape_id, rest)
+        assert apart(trial.truth, union([part.mesh for part in shape.parts])) > 0.005
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: pair[0].family)
+def test_what_a_swap_teaches_is_the_other_shape_itself_where_the_cuboids_are_its_own(pair: list[Recipe]) -> None:
+    styled, styled_rest = shape_of(pair[1])
+    own = swap_trials(styled, styled_rest, styled, styled_rest, {pair[1].shape_id: pair[1]})[1]
+    assert apart(own.truth, union([part.mesh for part in styled.parts])) == pytest.approx(0, abs=1e-9)
+    assert not own.changed.any(), "its style is its own"
 
 
 def test_faces_of_parts_that_show_no_style_are_not_changed() -> None:
     a, b = family(CHAIRS, "wire")[:2]
     shape, rest = shape_of(a)
-    trial = swap_trial(shape, rest, b.shape_id, {a.shape_id: a, b.shape_id: b})
-    labels = np.array([part.label for part in shape.parts])[rest.assign(trial.truth.corners().mean(axis=1))[0]]
-    # The bow's cuboid holds the spindles too; legs are where nothing else is.
-    assert not trial.changed[labels == "spindle"].any()
-    assert trial.changed[labels == "leg"].mean() > 0.95
+    for trial in swap_trials(shape, rest, *shape_of(b), {a.shape_id: a, b.shape_id: b}):
+        labels = np.array([part.label for part in shape.parts])[rest.assign(trial.truth.corners().mean(axis=1))[0]]
+        # The bow's cuboid holds the spindles too; legs are where nothing else is.
+        assert not trial.changed[labels == "spindle"].any()
+        assert trial.changed[labels == "leg"].mean() > 0.95
 
 
 def test_a_shape_warped_onto_its_own_cuboids_is_itself_and_onto_others_fills_them() -> None:
     a, b = family(CHAIRS, "panel")[:2]
     (shape, rest), (other, cage) = shape_of(a), shape_of(b)
-    own = box_warp(shape, rest, shape, rest)
+    own = union(box_warp(shape, rest, shape, rest)[0])
     assert apart(own, union([part.mesh for part in shape.parts])) == pytest.approx(0, abs=1e-9)
-    warped = box_warp(other, cage, shape, rest)
+    warped = union(box_warp(other, cage, shape, rest)[0])
     assert np.allclose(np.ptp(warped.vertices, axis=0), np.ptp(rest.corners().reshape(-1, 3), axis=0), rtol=0.1)
 
 

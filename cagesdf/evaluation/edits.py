@@ -10,11 +10,11 @@ from numpy import ndarray
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.evaluation.reconstruction import Truth
-from cagesdf.evaluation.trials import Trial
+from cagesdf.evaluation.trials import SWAPS, Trial
 from cagesdf.matching import touching
 from cagesdf.meshes import Mesh, sample_surface
 
-VERSION = 1  # of the definitions; raised when one changes
+VERSION = 2  # of the definitions; raised when one changes
 NAN = float("nan")
 LOST = 100.0  # % of the side: the distance of a surface that isn't there
 REACHED = 0.01  # of its length: an end of a cuboid that the true surface reaches is freer by no more
@@ -126,7 +126,7 @@ def with_gains(rows: Iterable[Row], references: Iterable[Row]) -> list[Row]:
     """The rows with the gain of swaps: the share of the way from the unchanged shape to the truth that they go."""
     distance = {row["trial_id"]: row["distance_detail"] for row in references if row["arm"] == "unchanged"}
     return [
-        row | {"gain": 1 - row["distance_detail"] / distance[row["trial_id"]]} if row["kind"] == "swap" else row
+        row | {"gain": 1 - row["distance_detail"] / distance[row["trial_id"]]} if row["kind"] in SWAPS else row
         for row in rows
     ]
 

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import aligned_cage, deform_shape
@@ -16,7 +18,6 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.evaluation.trials import Trial, trial_of
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import Shape
-from cagesdf.solid import union
 from cagesdf.synthesis.dataset import cage_of, fill_cuboids
 from cagesdf.synthesis.layout import Style
 from cagesdf.synthesis.recipe import Recipe
@@ -47,16 +48,30 @@ def swaps_of(recipes: Mapping[str, Recipe], sequences: Mapping[str, Sequence]) -
     ]
 
 
-def swap_trial(shape: Shape, rest: Cage, style_of: str, recipes: Mapping[str, Recipe]) -> Trial:
-    """The shape that has the cuboids of `shape` at rest and the style of another of its family."""
+def swap_trials(
+    shape: Shape, rest: Cage, styled: Shape, styled_rest: Cage, recipes: Mapping[str, Recipe]
+) -> tuple[Trial, Trial]:
+    """The cuboids of `shape` at rest with the style of `styled`, of its family: `swap`, then `warp`.
+
+    Their true surfaces are the recipe's, and the parts of `styled` warped from its cuboids, `styled_rest`, into these:
+    what is right, and what deformation sequences teach.
+    """
     recipe = recipes[shape.shape_id]
-    own, other = (in_style(shape, rest, recipe, recipes[name].style) for name in (shape.shape_id, style_of))
-    trial = trial_of("swap", shape.shape_id, rest, other, name=style_of, style_of=style_of)
-    different = np.array([differ(a, b) for a, b in zip(own, other)])
-    soup = join(other)
-    part = np.repeat(np.arange(len(other)), [len(mesh.faces) for mesh in other])
+    own, other = (in_style(shape, rest, recipe, recipes[name].style) for name in (shape.shape_id, styled.shape_id))
+    different = {part_id: differ(a, b) for part_id, a, b in zip(rest.part_ids, own, other)}
+    warped, taken = box_warp(styled, styled_rest, shape, rest)
+    of_part = np.array([different[part_id] for part_id in rest.part_ids])
+    of_warped = np.array([different[part_id] for part_id in taken])
+    key = {"name": styled.shape_id, "style_of": styled.shape_id}
+    swap = _with_changed(trial_of("swap", shape.shape_id, rest, other, **key), other, of_part)
+    return swap, _with_changed(trial_of("warp", shape.shape_id, rest, warped, **key), warped, of_warped)
+
+
+def _with_changed(trial: Trial, meshes: list[Mesh], different: Bool[ndarray, " p"]) -> Trial:
+    """The trial, with the faces of its truth that are of parts which are `different`."""
+    part = np.repeat(np.arange(len(meshes)), [len(mesh.faces) for mesh in meshes])
     # Each face of the union is a piece of a part's face.
-    faces = SurfaceDistance(soup).closest(trial.truth.corners().mean(axis=1))[1]
+    faces = SurfaceDistance(join(meshes)).closest(trial.truth.corners().mean(axis=1))[1]
     return replace(trial, changed=different[part[faces]])
 
 
@@ -78,11 +93,15 @@ def nodes_of(shape: Shape) -> dict[str, str]:
     return {part.part_id: part.node_id for part in shape.alignment} or {p.part_id: p.part_id for p in shape.parts}
 
 
-def box_warp(styled: Shape, rest: Cage, shape: Shape, moved: Cage) -> Mesh:
-    """A swap without a network: the parts of `styled` deformed from its cage `rest` to that of `shape`, `moved`."""
+def box_warp(styled: Shape, rest: Cage, shape: Shape, moved: Cage) -> tuple[list[Mesh], list[str]]:
+    """A swap without a network: the parts of `styled` deformed from its cage `rest` to that of `shape`, `moved`.
+
+    Second comes for each the part of `shape` whose cuboid it is in.
+    """
     partners = {node: part_id for part_id, node in nodes_of(shape).items()}
-    pairs = tuple((part_id, partners[node]) for part_id, node in nodes_of(styled).items())
-    return union(deform_shape(styled, rest, aligned_cage(rest, moved, pairs)))
+    pairs = {part_id: partners[node] for part_id, node in nodes_of(styled).items()}
+    meshes = deform_shape(styled, rest, aligned_cage(rest, moved, tuple(pairs.items())))
+    return meshes, [pairs[part.part_id] for part in styled.parts]
 
 
 def differ(a: Mesh, b: Mesh) -> bool:

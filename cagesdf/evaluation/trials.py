@@ -14,7 +14,8 @@ from cagesdf.meshes import Mesh
 from cagesdf.shape import Shape
 from cagesdf.solid import union
 
-KINDS = ("rest", "local", "beyond", "bent", "swap")
+KINDS = ("rest", "local", "beyond", "bent", "swap", "warp")
+SWAPS = ("swap", "warp")  # those with another shape's style
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ TRIALS = Layout(
     1,
     (
         Column("trial_id", pa.string(), "unique in its category"),
-        Column("kind", pa.string(), "rest, local, beyond, bent or swap: see docs/metrics.md"),
+        Column("kind", pa.string(), "rest, local, beyond, bent, swap or warp: see docs/metrics.md"),
         Column("shape_id", pa.string(), "whose cuboids these are, or were before they moved"),
         Column("style_of", pa.string(), "whose latent a network is given"),
         Column("part_id", pa.string(), "the part whose cuboid was edited, empty where it isn't one alone"),

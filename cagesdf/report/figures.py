@@ -70,6 +70,10 @@ EDITS = (
         "d(unchanged, truth), both on the detail of the parts whose style changed. The truth is built by the recipe. "
         "Median over swaps; small: the quartiles.",
     ),
+    EditColumn(
+        "warp", "gain", "median", "as taught", True,
+        "the same against the other shape's parts warped into the cuboids, which is what deformation sequences teach.",
+    ),
     EditColumn("swap", "gain", "positive", "gain > 0", True, "share of the swaps that come nearer to the truth."),
     EditColumn("swap", "distance_detail", "median", "swap, %", False, "d(swap, truth), median, % of the longest side."),
     EditColumn("rest", "distance", "mean", "rest, %", False, "distance to the true surface without any edit."),

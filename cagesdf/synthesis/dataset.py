@@ -23,9 +23,10 @@ NOISE = 0.12  # of the driven factor, as a share of its range
 def draw_recipes(category: str, train: int, val: int, rng: np.random.Generator) -> list[Recipe]:
     """Recipes of a data set: of each category first `train`, then `val`, families in turn.
 
-    MIXED is a data set of all categories, in equal shares, the first ones' a shape larger if need be. Of a family's shapes in one split, one in four has the cage of an earlier one and a fresh
-    style, and one in four the style of an earlier one and a fresh cage. The splits share
-    neither. Raises InputError for an unknown category.
+    MIXED is a data set of all categories, in equal shares, the first ones' a shape larger if need be. Of a
+    family's shapes in one split, one in four has the cage of an earlier one and a fresh style, and one in four
+    the style of an earlier one and a fresh cage. The splits share neither. Raises InputError for an unknown
+    category.
     """
     if category not in (*CATEGORIES, MIXED):
         raise InputError(f"category {category!r}: wanted one of {', '.join(CATEGORIES)} or {MIXED}")
