@@ -11,7 +11,7 @@ from typing import Any
 
 from cagesdf.cuboid import Sequence
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
+from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, own_figures, score
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
 from cagesdf.io.sequences import read_sequences
@@ -49,11 +49,14 @@ def score_surfaces(
         if (shape_id, step) in folder.rows:
             mesh = folder.read(shape_id, step).mesh
             surfaces[arm] = Measured(mesh) if len(mesh.faces) else None
+    own = Truth.own(shapes.read(shape_id), sequence, step, params.detail)
     rows = []
     for seed in params.seeds:
+        drawn_own = own.drawn(params.points, item_rng(seed, "truth", shape_id, step))
         drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))
         for arm, surface in surfaces.items():
             figures = score(surface, truth, drawn, item_rng(seed, "evaluate", shape_id, step))
+            figures |= own_figures(surface, own, drawn_own, item_rng(seed, "evaluate", shape_id, step))
             rows.append({"arm": arm, **key, "seed": seed, **figures})
     return rows
 

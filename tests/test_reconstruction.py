@@ -7,7 +7,7 @@ import pytest
 import toy
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
-from cagesdf.evaluation.reconstruction import BOTH_WAYS, METRICS, Measured, Truth, score
+from cagesdf.evaluation.reconstruction import BOTH_WAYS, METRICS, OWN, Measured, Truth, own_figures, score
 from cagesdf.meshes import Mesh, sample_surface
 from cagesdf.solid import cage_surface, union
 
@@ -23,7 +23,7 @@ def measured(predicted: Mesh | None, true: Mesh, cage: Cage = LOOSE, points: int
 
 def test_every_metric_is_there() -> None:
     ball = toy.ball([0, 0, 0], 0.5)
-    assert measured(ball, ball).keys() == measured(None, ball).keys() == {*METRICS, "detail_share"}
+    assert measured(ball, ball).keys() == measured(None, ball).keys() == {*METRICS, "detail_share"} - {*OWN.values()}
 
 
 def test_a_surface_against_itself_is_perfect_but_for_the_sampling_floor() -> None:
@@ -185,3 +185,34 @@ def test_the_true_surface_of_a_step_follows_its_cage() -> None:
     sequence = Sequence("a", None, np.array([0.0, 1.0]), (False, True), (rest, wider))
     at_rest, moved = (Truth.of(shape, sequence, step, 0.005) for step in (0, 1))
     np.testing.assert_allclose(np.ptp(moved.mesh.vertices, axis=0), np.ptp(at_rest.mesh.vertices, axis=0) * [2, 1, 1])
+
+
+def test_a_surface_is_measured_against_the_truth_it_was_taught() -> None:
+    """A long cuboid that moves away takes the vertices of another's along with it, but not of parts by themselves."""
+    shape = toy.stool("a")
+    boxes = {
+        part.part_id: Cuboid(
+            (part.mesh.vertices.max(0) + part.mesh.vertices.min(0)) / 2, np.eye(3), np.ptp(part.mesh.vertices, axis=0)
+        )
+        for part in shape.parts
+    }
+    loose = Cage.of(boxes)
+    loose = replace(loose, size=loose.size + 0.3)
+    centre = loose.centre.copy()
+    centre[0] += [0, 0.1, 0]
+    sequence = Sequence("a", None, np.array([0.0, 1.0]), (False, True), (loose, replace(loose, centre=centre)))
+
+    def both(predicted: Mesh | None, step: int) -> tuple[float, float]:
+        truths = [kind(shape, sequence, step, 0.005) for kind in (Truth.of, Truth.own)]
+        surface = Measured(predicted) if predicted else None
+        drawn = [truth.drawn(POINTS, np.random.default_rng(0)) for truth in truths]
+        averaged = score(surface, truths[0], drawn[0], np.random.default_rng(0))["surface_distance"]
+        own = own_figures(surface, truths[1], drawn[1], np.random.default_rng(0))
+        assert own.keys() == set(OWN.values())
+        return averaged, own["surface_distance_own"]
+
+    own, averaged = (kind(shape, sequence, 1, 0.005).mesh for kind in (Truth.own, Truth.of))
+    assert both(own, 1)[1] < 1e-9 < 0.01 < both(own, 1)[0]
+    assert both(averaged, 1)[0] < 1e-9 < 0.01 < both(averaged, 1)[1]
+    assert both(own, 0)[0] == pytest.approx(both(own, 0)[1])
+    assert both(None, 1) == pytest.approx((100, 100))

@@ -11,19 +11,24 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import deform_shape
+from cagesdf.deformation import deform_shape, follow_own_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface, topology
 from cagesdf.shape import Shape
 from cagesdf.solid import as_manifold, cage_surface, union
 
-VERSION = 3  # of the definitions; raised when one changes
+VERSION = 4  # of the definitions; raised when one changes
 F_SCORES = {"f1": 0.01, "f2": 0.02}  # thresholds, shares of the longest side
 # Of the whole surface, and with the suffix `_detail` of its detail alone.
 BOTH_WAYS = (
     "surface_distance", "accuracy", "completeness", "cd_deepsdf", "cd_l1", *F_SCORES, "nc", "nc_signed",
 )  # fmt: skip
-METRICS = (*BOTH_WAYS, "iou", "closed", "same_components", "same_genus", *(f"{name}_detail" for name in BOTH_WAYS))
+# Against the parts that followed their own cuboids alone, as the part model is taught (docs/metrics.md).
+OWN = {"surface_distance": "surface_distance_own", "nc_signed": "nc_signed_own"}
+METRICS = (
+    *BOTH_WAYS, "iou", "closed", "same_components", "same_genus",
+    *OWN.values(), *(f"{name}_detail" for name in BOTH_WAYS),
+)  # fmt: skip
 
 
 class Measured:
@@ -86,6 +91,12 @@ class Truth(Measured):
         cage = sequence.cages[step]
         return Truth(union(deform_shape(shape, sequence.cages[0], cage)), cage, detail)
 
+    @staticmethod
+    def own(shape: Shape, sequence: Sequence, step: int, detail: float) -> "Truth":
+        """The same of parts that have each followed its own cuboid alone."""
+        cage = sequence.cages[step]
+        return Truth(union(follow_own_cuboids(shape, sequence.cages[0], cage)), cage, detail)
+
     def is_detail(self, points: Float[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
         """Whether points of the true surface are detail."""
         return self.cage.unsigned(points) > self.threshold
@@ -127,25 +138,19 @@ def nowhere(side: float) -> Direction:
 
 
 def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
-    """METRICS of a predicted surface, and `detail_share` of the true one.
+    """METRICS of a predicted surface but for OWN, and `detail_share` of the true one.
 
     Draws as many points on the predicted surface as were `drawn` of the true one. `None` is a surface without
     faces: it gets the worst values. Detail is NaN where the true surface has none.
     """
-    there, detail = drawn.points, drawn.detail
+    detail = drawn.detail
     if predicted is None:
         lost = nowhere(truth.side)
         figures = compare(lost, lost, truth.side) | dict.fromkeys(
             ("iou", "closed", "same_components", "same_genus"), 0.0
         )
         return figures | _of_detail(lost, lost, truth.side, detail) | {"detail_share": float(detail.mean())}
-    here, here_normals = _sample(predicted, len(there), rng)
-    distance, faces, _ = predicted.distance.closest(there)
-    cosine = np.einsum("ij,ij->i", drawn.normals, predicted.normals[faces])
-    forth = Direction(distance, _nearest(_tree(here), there), cosine, np.abs(cosine), detail)
-    distance, faces, nearest = truth.distance.closest(here)
-    cosine = np.einsum("ij,ij->i", here_normals, truth.normals[faces])
-    back = Direction(distance, _nearest(drawn.tree, here), cosine, np.abs(cosine), truth.is_detail(nearest))
+    forth, back = directions(predicted, truth, drawn, rng)
     return {
         **compare(forth, back, truth.side),
         "iou": predicted.iou(truth),
@@ -155,6 +160,29 @@ def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random
         **_of_detail(forth, back, truth.side, detail),
         "detail_share": float(detail.mean()),
     }
+
+
+def directions(
+    predicted: Measured, truth: Truth, drawn: Drawn, rng: np.random.Generator
+) -> tuple[Direction, Direction]:
+    """From the true surface to the predicted one, and from as many points of that back."""
+    there = drawn.points
+    here, here_normals = _sample(predicted, len(there), rng)
+    distance, faces, _ = predicted.distance.closest(there)
+    cosine = np.einsum("ij,ij->i", drawn.normals, predicted.normals[faces])
+    forth = Direction(distance, _nearest(_tree(here), there), cosine, np.abs(cosine), drawn.detail)
+    distance, faces, nearest = truth.distance.closest(here)
+    cosine = np.einsum("ij,ij->i", here_normals, truth.normals[faces])
+    back = Direction(distance, _nearest(drawn.tree, here), cosine, np.abs(cosine), truth.is_detail(nearest))
+    return forth, back
+
+
+def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
+    """OWN of a predicted surface; `truth` is of parts that followed their own cuboids. `None` as in `score`."""
+    lost = nowhere(truth.side)
+    ways = (lost, lost) if predicted is None else directions(predicted, truth, drawn, rng)
+    figures = compare(*ways, truth.side)
+    return {own: figures[name] for name, own in OWN.items()}
 
 
 def compare(forth: Direction, back: Direction, side: float) -> dict[str, float]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from cagesdf.evaluation.reconstruction import OWN
 from cagesdf.io.metadata import Column, Layout, read_block
 
 KIND = "scores"
@@ -23,7 +24,7 @@ MEANINGS = {
 }
 SCORES = Layout(
     "scores",
-    2,
+    3,
     (
         Column("arm", pa.string(), "what gave the surface"),
         Column("shape_id", pa.string(), "the source"),
@@ -35,6 +36,10 @@ SCORES = Layout(
         Column("closed", pa.float64(), "1 if the surface has no hole and one orientation"),
         Column("same_components", pa.float64(), "1 if it has as many closed pieces as the true one"),
         Column("same_genus", pa.float64(), "1 if it has as many handles as the true one"),
+        *(
+            Column(own, pa.float64(), f"{name}, the true parts having followed their own cuboids alone")
+            for name, own in OWN.items()
+        ),
         *(
             Column(f"{name}_detail", pa.float64(), f"{name} of the detail alone; NaN where there is none")
             for name in MEANINGS

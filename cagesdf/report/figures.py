@@ -26,6 +26,10 @@ METRICS = (
         "longest side of the true shape's bounding box. Zero is perfect.",
     ),
     Metric(
+        "surface_distance_own", "own cuboids, %", False,
+        "the same, the true parts having followed their own cuboids alone, as the part model is taught.",
+    ),
+    Metric(
         "cd_deepsdf", "Chamfer", False,
         "as DeepSDF and the paper have it: mean squared distance to the nearest sampled point, both directions summed. "
         "Sampling alone makes it larger than zero; the true surface against itself shows how much.",
