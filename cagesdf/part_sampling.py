@@ -5,6 +5,7 @@ the same at every step of a sequence. Points near the surface are spread evenly 
 asks for: a back of many slats gets more than a plate. Where cuboids overlap, each has its own points there.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import BEYOND, LEAST_UNIT
 from cagesdf.meshes import Mesh, face_areas
+from cagesdf.sampling import rounded_up
 
 SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
 LEAST_CHUNKS = 2  # of a part at one step
@@ -58,9 +60,9 @@ def sample_part(
     first, second = np.where(turned, 1 - first, first), np.where(turned, 1 - second, second)
     a, b, c = moved.corners()[faces].swapaxes(0, 1)
     places = a + first * (b - a) + second * (c - a)
-    spread = np.exp(rng.uniform(np.log(SPREAD[0]), np.log(SPREAD[1]), (near, 1))) * max(
-        float(cage.size[cuboid].min()), LEAST_UNIT
-    )
+    # Exponentials differ in their last digit from one kind of processor to another.
+    ratio = rounded_up(np.exp(rng.uniform(math.log(SPREAD[0]), math.log(SPREAD[1]), (near, 1))))
+    spread = ratio * max(float(cage.size[cuboid].min()), LEAST_UNIT)
     around = cage.to_unit(places + rng.normal(size=(near, 3)) * spread, cuboid)
     filling = rng.uniform(-0.5 - BEYOND, 0.5 + BEYOND, (total, 3))
     beyond = (np.abs(around) > 0.5 + BEYOND).any(axis=1)

@@ -30,7 +30,7 @@ ALLOWED = {
     "matching": RECORDS | SOLIDS,
     "deformation": RECORDS | SOLIDS | {"matching"},
     "sampling": RECORDS | SOLIDS | {"deformation"},
-    "part_sampling": RECORDS | SOLIDS,
+    "part_sampling": RECORDS | SOLIDS | {"sampling"},
     "models": {"errors", "frames", "cuboid"},
     "generation": RECORDS | {"matching"},
     "stability": RECORDS | {"matching"},
