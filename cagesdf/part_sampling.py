@@ -61,8 +61,8 @@ def sample_part(
     a, b, c = moved.corners()[faces].swapaxes(0, 1)
     places = a + first * (b - a) + second * (c - a)
     # Exponentials differ in their last digit from one kind of processor to another.
-    ratio = rounded_up(np.exp(rng.uniform(math.log(SPREAD[0]), math.log(SPREAD[1]), (near, 1))))
-    spread = ratio * max(float(cage.size[cuboid].min()), LEAST_UNIT)
+    ratio = rounded_up(np.exp(rng.uniform(math.log(SPREAD[0]), math.log(SPREAD[1]), near)))
+    spread = ratio[:, None] * max(float(cage.size[cuboid].min()), LEAST_UNIT)
     around = cage.to_unit(places + rng.normal(size=(near, 3)) * spread, cuboid)
     filling = rng.uniform(-0.5 - BEYOND, 0.5 + BEYOND, (total, 3))
     beyond = (np.abs(around) > 0.5 + BEYOND).any(axis=1)
