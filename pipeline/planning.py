@@ -62,7 +62,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Counts:
-    """How much there is to do in one category; exact but for `points`, which parts' own minimum adds to."""
+    """How much there is to do in one category; exact but for `points`, which each cuboid's minimum adds to.
+
+    How many points parts have follows from their surfaces: they are not counted here, but in what is measured.
+    """
 
     shapes: int  # training and validation
     sequences: int  # training shapes
@@ -335,7 +338,8 @@ def plan(
         f"An estimate from {sum(item.seconds for item in found):.0f} s of work on {SHAPES} shapes a category, "
         f"scaled to this run on {workers()} workers; what the machine does beside it counts in.",
         f"{counts.shapes * categories:,} shapes in {categories} categories, {counts.deformed * categories:,} deformed "
-        f"shapes to train on, {counts.points * categories:,} points besides each cuboid's own",
+        f"shapes to train on, {counts.points * categories:,} points of whole shapes besides each cuboid's own; "
+        "those of parts follow their surfaces",
         "",
         *_table(rows),
         "",

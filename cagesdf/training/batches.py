@@ -132,9 +132,10 @@ def training_chunks(
 def refuse_lost(lost: list[str], nothing: bool, steps_of: str, trains_on: str, reach: float) -> None:
     """Raise InputError if a selection left nothing of these shapes, or there was `nothing` to select from."""
     if lost or nothing:
+        where = f", which counts points within {reach} of their cuboid (reach)" if trains_on == "cage" else ""
         raise InputError(
-            f"no {CHUNK} points to train on of shape(s) {', '.join(lost[:5]) or 'any'} "
-            f"with steps_of {steps_of} and points of the {trains_on} within reach {reach}"
+            f"no {CHUNK} points to train on of shape(s) {', '.join(lost[:5]) or 'any'} with steps_of {steps_of} "
+            f"and a decoder that trains on the {trains_on}{where}; see which the shards have with cagesdf inspect"
         )
 
 
