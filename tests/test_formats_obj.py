@@ -1,6 +1,7 @@
 """OBJ files: what is written is read, and what is broken is named with its line."""
 
 import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cagesdf.errors import InputError
-from cagesdf.formats import content
+from cagesdf.formats import content, obj
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.meshes import face_normals
 
@@ -191,3 +192,33 @@ def test_more_parts_than_anyone_can_use_are_refused(tmp_path: Path) -> None:
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(f"g {i}\nf 1 2 3\n" for i in range(10_001))
     with pytest.raises(InputError, match="has 10,001 named parts"):
         names(tmp_path, text.encode())
+
+
+STATEMENTS = st.sampled_from(
+    [
+        "v 0 0 1", "v 1 0 0", "v 0 1 -0.5e-3", "v 1 2", "v 1 2 3 4", "v\t1.5  2 +3 ", "v 1,5 2 3", "v 1_0 2 3",
+        "v 1.2.3 0 0", "v 1e400 0 0", "v --1 0 0", "f 1 2 3", "f -1 -2 -3", "f 1/1/1 2/7/ 3//3", "f 1 2 3 1",
+        "f 1 2", "f 0 1 2", "f 9 1 2", "f -9 1 2", "f 1/ 2/ 3/", "f 1//a 2 3", "f 99999999999999999999 1 2",
+        "f 1_0 2 3", "f 1 2 3 \\", "v 1 \\", "2 3", "g leg", "o seat", "# v 1 2 3", "", "usemtl wood",
+        " f 1 2 3", "vn 0 0 1", "f 1 2 -", "f 1-2 2 3",
+    ]
+)  # fmt: skip
+
+
+@settings(SAME_FOLDER, max_examples=400)
+@given(lines=st.lists(STATEMENTS, max_size=14), end=st.sampled_from(["\n", "\r\n"]), last=st.booleans())
+def test_runs_of_lines_are_read_as_one_line_at_a_time(tmp_path: Path, lines: list[str], end: str, last: bool) -> None:
+    """Contents, order and messages are those of the slow version."""
+    whole = ["v 0 0 0", "v 1 0 0", "v 0 1 0", *lines]
+    path = tmp_path / "a.obj"
+    path.write_bytes((end.join(whole) + end * last).encode())
+
+    def outcome(runs: re.Pattern[bytes]) -> object:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(obj, "RUN", runs)
+            try:
+                return obj._read(path)
+            except InputError as error:
+                return str(error)
+
+    assert outcome(obj.RUN) == outcome(re.compile(rb"(?!)"))

@@ -6,10 +6,12 @@ calls of other files, are refused by name.
 
 import io
 import re
+import warnings
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -28,6 +30,12 @@ UNREAD = {
     b"res": "patches", b"call": "other files",
 }  # fmt: skip
 NUMBERED = (b"v", b"f", b"l", b"p")  # first letters of lines of numbers: names and paths may end in a backslash
+# Lines of three coordinates each, or of three corners: what most of a file is.
+RUN = re.compile(
+    rb"(?:^v(?:[ \t]++[-+.0-9eE]++){3}[ \t]*+\r?\n)++|(?:^f(?:[ \t]++-?[0-9]{1,18}+(?:/[-0-9/]*+)?){3}[ \t]*+\r?\n)++",
+    re.MULTILINE,
+)
+BEHIND_SLASH = re.compile(rb"/[-0-9/]*")
 COMMENT = re.compile(rb"(?<!\S)#")  # "leg#2" is a name
 
 
@@ -109,8 +117,56 @@ def _mesh(path: Path, content: _Content, chosen: Int[ndarray, " p"]) -> Mesh:
 
 
 def _read(path: Path) -> _Content:
-    content = _Content()
-    for at, line in _statements(plain_text(read_bounded(path), str(path))):
+    content, text = _Content(), plain_text(read_bounded(path), str(path))
+    done, at = 0, 1
+    for run in RUN.finditer(text):
+        # A line that goes on in the run's first belongs to it, and a run that can't be read has a line to be named.
+        goes_on = text[done : run.start()].rstrip().endswith(b"\\")
+        if not goes_on:
+            at = _add_statements(path, content, text[done : run.start()], at)
+            done = run.start()
+        if goes_on or not _add_run(content, run[0], at):
+            at = _add_statements(path, content, text[done : run.end()], at)
+        else:
+            at += run[0].count(b"\n")
+        done = run.end()
+    _add_statements(path, content, text[done:], at)
+    return content
+
+
+def _add_run(content: _Content, run: bytes, first: int) -> bool:
+    """Vertices alone or triangles alone, all at once, from line `first` on; adds nothing if a statement is wrong."""
+    count = 3 * run.count(b"\n")
+    if run.startswith(b"v"):
+        places = _parsed(run.replace(b"v", b" "), np.float64)
+        if len(places) == count:
+            content.coordinates.frombytes(places.tobytes())
+        return len(places) == count
+    corners = _parsed(BEHIND_SLASH.sub(b"", run).replace(b"f", b" "), np.int64)
+    known = len(content.coordinates) // 3
+    if len(corners) != count or (corners == 0).any() or corners.max() > known or corners.min() < -known:
+        return False
+    ones = np.ones(count // 3, np.int64)
+    content.corners.frombytes(np.where(corners > 0, corners - 1, corners + known).tobytes())
+    content.counts.frombytes((3 * ones).tobytes())
+    content.lines.frombytes((first + np.cumsum(ones) - 1).tobytes())
+    content.owners.frombytes(((len(content.names) - 1) * ones).tobytes())
+    return True
+
+
+def _parsed(numbers: bytes, kind: type[np.number[Any]]) -> ndarray:
+    """Numbers between spaces; none if one can't be read."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return np.fromstring(numbers.decode("ascii"), kind, sep=" ")
+        except (DeprecationWarning, ValueError):
+            return np.zeros(0, kind)
+
+
+def _add_statements(path: Path, content: _Content, text: bytes, first: int) -> int:
+    """Any statements, one at a time, from line `first` on; returns the number of the line behind them."""
+    for at, line in _statements(text, first):
         key, *words = (line if b"#" not in line else _without_comment(line)).split() or (b"",)
         try:
             if key == b"v":
@@ -127,7 +183,7 @@ def _read(path: Path) -> _Content:
             raise InputError(
                 f"{path}, line {at}: can't read {quoted(line)} ({error}); is the file cut short? Export it again"
             ) from error
-    return content
+    return first + text.count(b"\n")
 
 
 def _add_vertex(content: _Content, words: list[bytes]) -> None:
@@ -150,10 +206,10 @@ def _add_face(content: _Content, words: list[bytes], line: int) -> None:
     content.owners.append(len(content.names) - 1)
 
 
-def _statements(text: bytes) -> Iterator[tuple[int, bytes]]:
-    """Lines with their numbers from 1; a backslash at the end of a line of numbers continues it."""
+def _statements(text: bytes, first: int) -> Iterator[tuple[int, bytes]]:
+    """Lines with their numbers from `first` on; a backslash at the end of a line of numbers continues it."""
     pieces: list[bytes] = []
-    for at, line in enumerate(io.BytesIO(text), start=1):
+    for at, line in enumerate(io.BytesIO(text), start=first):
         bare = line.strip()
         if bare.endswith(b"\\") and (pieces or bare[:1] in NUMBERED) and _without_comment(bare) == bare:
             pieces.append(bare[:-1])
