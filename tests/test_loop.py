@@ -280,11 +280,11 @@ def test_while_codes_come_first_the_decoder_reads_those_and_the_transformer_is_d
     errors = (network(batch.points, read, batch.cuboid) - batch.sdf).abs() / network.unit(batch.cuboid)[:, None]
     loss = 0.7 * (batch.weight * errors.mean(dim=1)).mean()
     codes = network.codes(table(cages.latent), cages.cuboids, cages.present)
-    apart = [  # a part at a time
+    apart = [  # a group at a time
         (codes[shape, part] - free.values[cages.latent[shape], part]).detach().square().sum()
-        for shape, part in cages.present.nonzero().tolist()
+        for shape, part in zip(batch.shape.tolist(), batch.part.tolist())
     ]
-    distance = code_distance(codes, free(cages), cages)
+    distance = code_distance(codes[batch.shape, batch.part], free(cages)[batch.shape, batch.part])
     assert distance.item() == pytest.approx(torch.stack(apart).mean().item(), rel=1e-5)
     expected = torch.autograd.grad(loss, [*others, free.values])
     drawn = torch.autograd.grad(0.7 * DRAWN * distance, transformer)

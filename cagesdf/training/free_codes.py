@@ -27,6 +27,6 @@ class FreeCodes(nn.Module):
         return self.values[cages.latent, : cages.cuboids.shape[1]]
 
 
-def code_distance(codes: Float[Tensor, "s p k"], free: Float[Tensor, "s p k"], cages: Cages) -> Float[Tensor, ""]:
-    """Mean over the parts that are present of ‖codes − free‖²; only `codes` are drawn."""
-    return (codes - free.detach()).square().sum(dim=-1)[cages.present].mean()
+def code_distance(code: Float[Tensor, "g k"], free: Float[Tensor, "g k"]) -> Float[Tensor, ""]:
+    """Mean over groups of ‖code − free‖²; only `code` is drawn."""
+    return (code - free.detach()).square().sum(dim=-1).mean()

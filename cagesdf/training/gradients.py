@@ -51,8 +51,8 @@ class Gradients:
         total = torch.zeros((), device=batch.sdf.device)
         cages = batch.cages
         codes = self.decoder.codes(self.latents(cages.latent), cages.cuboids, cages.present)
-        read = codes if free is None else free(cages)
-        code = read[batch.shape, batch.part]
+        made = codes[batch.shape, batch.part]
+        code = made if free is None else free(cages)[batch.shape, batch.part]
         to_code = []
         runs = slices(len(batch.weight), SLICE.get(batch.sdf.device.type, LARGE))
         for first in range(0, len(runs), self.threads):  # no more gradients are held than there are threads
@@ -65,7 +65,7 @@ class Gradients:
                     _add(parameter, gradient)
         code.backward(torch.cat(to_code) if to_code else torch.zeros_like(code))
         if free is not None and len(batch.weight):
-            (weight * DRAWN * code_distance(codes, read, cages)).backward()
+            (weight * DRAWN * code_distance(made, code)).backward()
         return total
 
     def _of(
