@@ -70,8 +70,8 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
     keys = data.latent_keys(params.latents)
     latents = LatentTable.drawn(keys, params.latent_dim, params.latent_std, params.seed).to(device())
     settings = TrainSettings(**params.model_dump(include={field.name for field in fields(TrainSettings)}))
-    free = free_codes(decoder, latents, cages)
     batches = data.batches(latents, params.batch_chunks, params.bundle, params.seed)
+    free = free_codes(decoder, latents, cages)
     if folder is None:
         train(decoder, latents, free, batches, settings, checkpoint, lambda step, loss: None, ranks)
         return checkpoint
