@@ -96,7 +96,9 @@ def test_the_cube_arm_keeps_all_points_and_rest_keeps_the_source_shapes_alone() 
 def test_a_selection_that_leaves_nothing_of_a_shape_is_refused_by_its_name() -> None:
     chunks = spheres.chunks((1, 0, 0, 0))
     far = replace(chunks, xyz=np.full_like(chunks.xyz, 1.0))
-    with pytest.raises(InputError, match=r"points to train on of shape\(s\) large.*reach 0\.02"):
+    with pytest.raises(
+        InputError, match=r"points to train on of shape\(s\) large.*cage, .*within 0\.02 of their cuboid"
+    ):
         select(chunks=far)
 
 

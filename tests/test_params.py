@@ -92,7 +92,7 @@ def test_a_stage_has_the_categories_and_arms_that_are_run_and_they_stand_in_one_
         ("deform_sequences", {"held_out": [6]}, r"deform_sequences\.held_out: got \(6,\), wanted steps among 1 to 5"),
         ("deform_sequences", {"held_out": [0]}, r"wanted steps among 1 to 5"),
         ("generate", {"points": 2047}, r"generate\.points: got 2047, wanted at least train_features\.points, 2048"),
-        ("make_clouds", {"points": 511}, r"make_clouds\.points: .*evaluate_generation\.points, 512"),
+        ("make_clouds", {"points": 255}, r"make_clouds\.points: .*evaluate_generation\.points, 256"),
         ("make_clouds", {"seed": 1}, r"make_clouds\.seed: got 1, wanted another than synthesize\.seed"),
     ],
     ids=[

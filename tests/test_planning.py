@@ -37,9 +37,9 @@ def sections(tmp_path: Path, profile: str | None) -> dict:
 @pytest.mark.parametrize(
     ("profile", "expected"),
     [
-        (None, Counts(64 + 16, 64, 64 * 4, 64 * 4 * 14000, 8 + 8 * 2, 67 + 6 * 6)),
-        ("tiny", Counts(16 + 2, 16, 16 * 4, 16 * 4 * 1800, 2 + 1 * 2, 3 + 2 * 6)),
-        ("paper", Counts(2000, 1900, 7600, 7600 * 275_000, 1900 + 8 * 2, 67 + 6 * 6)),
+        (None, Counts(64 + 16, 64, 64 * 4, 64 * 4 * 8000, 6 + 3 * 2, 24 * 2 + 2 * 6)),
+        ("tiny", Counts(16 + 2, 16, 16 * 4, 16 * 4 * 1800, 2 + 1 * 2, 3 * 2 + 2 * 6)),
+        ("paper", Counts(2000, 1900, 7600, 7600 * 275_000, 1900 + 3 * 2, 24 * 2 + 2 * 6)),
     ],
 )
 def test_counts_are_those_that_the_parameters_ask_for(profile: str | None, expected: Counts, tmp_path: Path) -> None:
@@ -62,15 +62,15 @@ def test_times_are_those_measured_in_proportion_to_what_there_is_to_do(tmp_path:
     training = only(tmp_path, found("train", 2.0, 20 * 64, "cagesdf"))
     assert training.seconds == pytest.approx(2.0 / 20 * sections(tmp_path, None)["arms.cagesdf"].steps)
     # Surfaces are measured with 64 cells, and have 128.
-    assert only(tmp_path, found("extract_meshes", 6.0, 4, "cagesdf")).seconds == pytest.approx(6.0 / 4 * 24 * 4)
-    # Two shapes, after each of two snapshots and at the end.
-    assert only(tmp_path, found("evaluate_progress", 6.0)).seconds == pytest.approx(6.0 / 2 * 6)
-    assert only(tmp_path, found("evaluate_edits", 6.0, 12, "cagesdf")).seconds == pytest.approx(6.0 / 12 * 103)
+    assert only(tmp_path, found("extract_meshes", 6.0, 4, "cagesdf")).seconds == pytest.approx(6.0 / 4 * 12 * 4)
+    # One shape, after each of two snapshots and at the end.
+    assert only(tmp_path, found("evaluate_progress", 6.0)).seconds == pytest.approx(6.0 / 1 * 3)
+    assert only(tmp_path, found("evaluate_edits", 6.0, 12, "cagesdf")).seconds == pytest.approx(6.0 / 12 * 60)
     # Two methods, of each of which two shapes are measured.
-    assert only(tmp_path, found("generate", 2.0, 4, "cagesdf")).seconds == pytest.approx(2.0 / 4 * 32 * 2)
-    assert only(tmp_path, found("generate", 2.0, 2, "deepsdf")).seconds == pytest.approx(2.0 / 2 * 32)
+    assert only(tmp_path, found("generate", 2.0, 4, "cagesdf")).seconds == pytest.approx(2.0 / 4 * 20 * 2)
+    assert only(tmp_path, found("generate", 2.0, 2, "deepsdf")).seconds == pytest.approx(2.0 / 2 * 20)
     # DeepSDF has no latent for held-out steps.
-    assert only(tmp_path, found("extract_meshes", 2.0, 1, "deepsdf")).seconds == pytest.approx(2.0 * 8 * 4)
+    assert only(tmp_path, found("extract_meshes", 2.0, 1, "deepsdf")).seconds == pytest.approx(2.0 * 6 * 4)
 
 
 def test_workers_share_what_is_mapped_over_and_nothing_else(tmp_path: Path) -> None:

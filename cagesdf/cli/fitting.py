@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 # How `fit` prepares shapes and measures surfaces: as params.yaml does.
 CUBOIDS: dict[str, Any] = {"slack": 0.01, "min_size": 0.001, "margin": 1e-6, "points": 10_000}
 SAMPLES: dict[str, Any] = {
-    "near": 12_000, "uniform": 2_000, "per_cuboid": 256, "beta": 60.0, "part_near": 192.0, "part_uniform": 64.0,
+    "near": 6_000, "uniform": 2_000, "per_cuboid": 256, "beta": 60.0, "part_near": 192.0, "part_uniform": 64.0,
 }  # fmt: skip
-MEASURE: dict[str, Any] = {"points": 30_000, "detail": 0.005}
+MEASURE: dict[str, Any] = {"points": 20_000, "detail": 0.005}
 # How it finds codes: tried on half of the default validation shapes (docs/fit.md).
 INFERENCE: dict[str, Any] = {
     "tried": 32, "starts": 4, "code_steps": 100, "residual_steps": 200, "batch": 16,
