@@ -9,6 +9,7 @@ import toy
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.evaluation.reconstruction import BOTH_WAYS, METRICS, OWN, Measured, Truth, own_figures, score
 from cagesdf.meshes import Mesh, sample_surface
+from cagesdf.shape import Shape
 from cagesdf.solid import cage_surface, union
 
 POINTS = 4000
@@ -172,7 +173,7 @@ def test_a_shape_that_fills_its_cage_has_no_figures_of_detail() -> None:
         assert not any(np.isnan(figures[name]) for name in BOTH_WAYS)
 
 
-def test_the_true_surface_of_a_step_follows_its_cage() -> None:
+def stool_in_its_boxes() -> tuple[Shape, Cage]:
     shape = toy.stool("a")
     boxes = {
         part.part_id: Cuboid(
@@ -180,7 +181,11 @@ def test_the_true_surface_of_a_step_follows_its_cage() -> None:
         )
         for part in shape.parts
     }
-    rest = Cage.of(boxes)
+    return shape, Cage.of(boxes)
+
+
+def test_the_true_surface_of_a_step_follows_its_cage() -> None:
+    shape, rest = stool_in_its_boxes()
     wider = replace(rest, centre=rest.centre * [2, 1, 1], size=rest.size * [2, 1, 1])
     sequence = Sequence("a", None, np.array([0.0, 1.0]), (False, True), (rest, wider))
     at_rest, moved = (Truth.of(shape, sequence, step, 0.005) for step in (0, 1))
@@ -189,14 +194,7 @@ def test_the_true_surface_of_a_step_follows_its_cage() -> None:
 
 def test_a_surface_is_measured_against_the_truth_it_was_taught() -> None:
     """A long cuboid that moves away takes the vertices of another's along with it, but not of parts by themselves."""
-    shape = toy.stool("a")
-    boxes = {
-        part.part_id: Cuboid(
-            (part.mesh.vertices.max(0) + part.mesh.vertices.min(0)) / 2, np.eye(3), np.ptp(part.mesh.vertices, axis=0)
-        )
-        for part in shape.parts
-    }
-    loose = Cage.of(boxes)
+    shape, loose = stool_in_its_boxes()
     loose = replace(loose, size=loose.size + 0.3)
     centre = loose.centre.copy()
     centre[0] += [0, 0.1, 0]
@@ -207,9 +205,9 @@ def test_a_surface_is_measured_against_the_truth_it_was_taught() -> None:
         surface = Measured(predicted) if predicted else None
         drawn = [truth.drawn(POINTS, np.random.default_rng(0)) for truth in truths]
         averaged = score(surface, truths[0], drawn[0], np.random.default_rng(0))["surface_distance"]
-        own = own_figures(surface, truths[1], drawn[1], np.random.default_rng(0))
-        assert own.keys() == set(OWN.values())
-        return averaged, own["surface_distance_own"]
+        by_own = own_figures(surface, truths[1], drawn[1], np.random.default_rng(0))
+        assert by_own.keys() == set(OWN.values())
+        return averaged, by_own["surface_distance_own"]
 
     own, averaged = (kind(shape, sequence, 1, 0.005).mesh for kind in (Truth.own, Truth.of))
     assert both(own, 1)[1] < 1e-9 < 0.01 < both(own, 1)[0]
