@@ -7,13 +7,15 @@ of this size gains little from two, and while one starts, another computes. A st
 cores. `dvc repro` does the same one after the other.
 """
 
+import multiprocessing
 import os
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
+from typing import Any
 
 from dvc.repo import Repo
 
@@ -21,7 +23,7 @@ from pipeline.executor import device, progress, workers
 from pipeline.memory import memory
 from pipeline.params import ParamsError, check
 
-REPRO = [sys.executable, "-m", "dvc", "--wait-for-lock", "repro", "--single-item"]
+REPRO = ("--wait-for-lock", "repro", "--single-item")  # DVC's arguments, a stage's address after them
 PARAMS = Path("params.yaml")
 Graph = dict[str, set[str]]  # a stage's address, and those of the stages that it reads from
 
@@ -106,7 +108,28 @@ def run(address: str, lane: int, count: int) -> bool:
     share = {"CAGESDF_LANE": str(lane), "CAGESDF_MEMORY": str(memory() // lanes())}
     if count > 1:
         share |= {"OMP_NUM_THREADS": "1", "CAGESDF_WORKERS": "1"}
-    return subprocess.run([*REPRO, address], env=os.environ | share, check=False).returncode == 0
+    process = _starter().Process(target=_repro, args=(address, share))
+    process.start()
+    process.join()
+    return process.exitcode == 0
+
+
+@cache
+def _starter() -> Any:
+    """What starts processes: where it can, one that has imported DVC and forks, which saves half of DVC's own time."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", "dvc.cli.parser", "dvc.commands.repro", "dvc.repo.reproduce"])
+    return context
+
+
+def _repro(address: str, share: Mapping[str, str]) -> None:
+    """The process of one stage: DVC, which starts the stage's command."""
+    from dvc.cli import main as dvc
+
+    os.environ.update(share)
+    sys.exit(dvc([*REPRO, address]))
 
 
 if __name__ == "__main__":

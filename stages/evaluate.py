@@ -11,7 +11,7 @@ from typing import Any
 
 from cagesdf.cuboid import Sequence
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, own_figures, score
+from cagesdf.evaluation.reconstruction import Measured, Truth, as_own, definitions, own_figures, score
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
 from cagesdf.io.sequences import read_sequences
@@ -49,14 +49,15 @@ def score_surfaces(
         if (shape_id, step) in folder.rows:
             mesh = folder.read(shape_id, step).mesh
             surfaces[arm] = Measured(mesh) if len(mesh.faces) else None
-    own = Truth.own(shapes.read(shape_id), sequence, step, params.detail)
+    own = Truth.own(shapes.read(shape_id), sequence, step, params.detail) if step else None
     rows = []
     for seed in params.seeds:
-        drawn_own = own.drawn(params.points, item_rng(seed, "truth", shape_id, step))
         drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))
+        drawn_own = own.drawn(params.points, item_rng(seed, "truth", shape_id, step)) if own else drawn
         for arm, surface in surfaces.items():
             figures = score(surface, truth, drawn, item_rng(seed, "evaluate", shape_id, step))
-            figures |= own_figures(surface, own, drawn_own, item_rng(seed, "evaluate", shape_id, step))
+            own_rng = item_rng(seed, "evaluate", shape_id, step)
+            figures |= own_figures(surface, own, drawn_own, own_rng) if own else as_own(figures)
             rows.append({"arm": arm, **key, "seed": seed, **figures})
     return rows
 

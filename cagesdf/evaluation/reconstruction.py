@@ -1,5 +1,6 @@
 """How far a surface is from the true one (§4.1, §4.2): the definitions of docs/metrics.md."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -181,7 +182,11 @@ def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.
     """OWN of a predicted surface; `truth` is of parts that followed their own cuboids. `None` as in `score`."""
     lost = nowhere(truth.side)
     ways = (lost, lost) if predicted is None else directions(predicted, truth, drawn, rng)
-    figures = compare(*ways, truth.side)
+    return as_own(compare(*ways, truth.side))
+
+
+def as_own(figures: Mapping[str, float]) -> dict[str, float]:
+    """OWN where both truths are the same: at rest, where no cuboid has moved."""
     return {own: figures[name] for name, own in OWN.items()}
 
 

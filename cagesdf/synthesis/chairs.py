@@ -70,9 +70,9 @@ def bow(size: ndarray, style: Style) -> Mesh:
 def seat(size: ndarray, style: Style, power: float = 4.5) -> Mesh:
     """A seat: dished, sunk or upholstered; square, or round of a superellipse's power."""
     if style.kinds["outline"] == "round" or power == 2:
-        outline = superellipse(size[0] / 2, size[2] / 2, power, 72)
+        outline = superellipse(size[0] / 2, size[2] / 2, power, 56)
     else:
-        outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.03 + style.factors["edge"], 72)
+        outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.03 + style.factors["edge"], 56)
     if style.kinds["seat"] == "cushioned":
         return slabs.upholstered(size, outline, style.factors)
     return slabs.slab(size, outline, style.kinds["edge"], style.kinds["seat"], style.factors)
@@ -233,7 +233,7 @@ def _tablet_chair(p: Proportions) -> Draft:
 
 def tablet(size: ndarray, style: Style) -> Mesh:
     """A writing board with a sunk field."""
-    outline = superellipse(size[0] / 2, size[2] / 2, 3.0 if style.kinds["outline"] == "round" else 6.0, 72)
+    outline = superellipse(size[0] / 2, size[2] / 2, 3.0 if style.kinds["outline"] == "round" else 6.0, 56)
     return slabs.slab(size, outline, style.kinds["edge"], "sunk", style.factors)
 
 

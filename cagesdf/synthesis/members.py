@@ -27,7 +27,7 @@ from cagesdf.synthesis.surfaces import (
     sweep,
 )
 
-SIDES = 20  # points of a section
+SIDES = 20  # points of a section: of fewer, a turned box would be smaller
 STEP = 0.011  # between rings
 BREAK = 0.007  # half of what a step between two thicknesses takes along a member
 SPADE = 0.055  # height of a square leg's foot
@@ -52,7 +52,7 @@ Shaping = Callable[[Vector, ndarray, Factors], Profile]  # size, heights above t
 def member(size: Vector, shaping: Shaping, factors: Factors) -> Mesh:
     """A member along y whose section follows a profile."""
     half_x, _, half_z = size / 2
-    y = np.linspace(0, size[1], int(np.clip(size[1] / STEP, 20, 72)))
+    y = np.linspace(0, size[1], int(np.clip(size[1] / STEP, 20, 60)))
     profile = shaping(size, y, factors)
     square = rounded_rectangle(half_x, half_z, min(factors["edge"], 0.45 * half_x, 0.45 * half_z), SIDES)
     circle = superellipse(half_x, half_z, 2.0, SIDES)

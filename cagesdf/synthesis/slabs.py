@@ -25,8 +25,8 @@ from cagesdf.synthesis.surfaces import (
 )
 
 Outline = Float[ndarray, "n 2"]
-FIELD = np.linspace(0, 1, 11)[1:]  # shares of the way from the centre to the rim
-TUFTED = np.linspace(0, 1, 25)[1:]  # the same where tufts must show
+FIELD = np.linspace(0, 1, 7)[1:]  # shares of the way from the centre to the rim
+TUFTED = np.linspace(0, 1, 19)[1:]  # the same where tufts must show
 FRAME = 0.022  # thickness of the frame below a board
 OVERHANG = 0.012  # of the board's moulding over its frame
 LEAST = 0.008  # a lower frame isn't made
@@ -125,7 +125,7 @@ def cushion(size: Vector, factors: Factors) -> Mesh:
     at = np.concatenate([inset, np.full_like(field, radius)])
     scale = np.concatenate([np.ones_like(inset), field])
     y = np.concatenate([edge, half[1] - dome * field**2.5])
-    outline = rounded_rectangle(half[0], half[2], 0.04 + factors["edge"], 96)
+    outline = rounded_rectangle(half[0], half[2], 0.04 + factors["edge"], 64)
     x, z = (scale * (half[axis] - np.minimum(at, 0.9 * half[axis])) for axis in (0, 2))
     lower = slice(None, 0, -1) if side == 0 else slice(None, None, -1)
     both = [np.concatenate([values[lower] * sign, values]) for values, sign in ((x, 1), (z, 1), (y, -1))]
@@ -144,7 +144,7 @@ def panel(size: Vector, kind: str, factors: Factors) -> Mesh:
     if kind == "cushioned":
         body = stood(cushion(flat, factors))
     else:
-        outline = rounded_rectangle(width / 2, height / 2, 0.02 + 0.6 * factors["bend"], 72)
+        outline = rounded_rectangle(width / 2, height / 2, 0.02 + 0.6 * factors["bend"], 56)
         body = stood(slab(flat, outline, "rounded", "sunk" if kind == "bent" else "domed", factors))
     crest = min(0.045, 0.15 * height) * (kind != "slatted")
     bowed = warped(
@@ -197,7 +197,7 @@ def splat(size: Vector, kind: str, factors: Factors) -> Mesh:
     """
     width, height, depth = size
     plate = min(factors["plate"], 0.7 * depth)
-    outline = rounded_rectangle(width / 2, height / 2, 0.02, 72)
+    outline = rounded_rectangle(width / 2, height / 2, 0.02, 56)
     body = stood(slab(np.array([width, plate, height]), outline, "rounded", "domed", factors))
 
     def shape(x: ndarray, y: ndarray, z: ndarray) -> tuple[ndarray, ndarray, ndarray]:
@@ -233,7 +233,7 @@ def slat(size: Vector, kind: str, factors: Factors) -> Mesh:
 def grid(size: Vector, factors: Factors) -> Mesh:
     """A shelf of slats along x in a frame, a pitch apart."""
     width, _, depth = size
-    outline = rounded_rectangle(width / 2, depth / 2, 0.01 + factors["edge"], 64)
+    outline = rounded_rectangle(width / 2, depth / 2, 0.01 + factors["edge"], 56)
     margin = min(0.05, 0.14 * depth)
     count = max(2, round((depth - 2 * margin) / factors["pitch"]))
     step = (depth - 2 * margin) / count
@@ -271,9 +271,11 @@ def case(size: Vector, factors: Factors) -> Mesh:
     y = np.array([0.0, 0.2 * step, plinth - step, plinth, *np.linspace(plinth, height - cornice, 24)[1:-1]])
     y = np.concatenate([y, [height - cornice, height - cornice + step, height - 0.2 * step, height]])
     inset = np.concatenate([[0.004, 0.0, 0.0], np.full(len(y) - 6, back), [0.0, 0.0, 0.004]])
-    outline = rounded_rectangle(half[0], half[2], 0.6 * factors["edge"], 72)
+    outline = rounded_rectangle(half[0], half[2], 0.6 * factors["edge"], 56)
     rings = stack(outline, half[0] - inset, half[2] - inset, y)
-    lid = stack(outline, (half[0] - 0.024) * FIELD[::-1], (half[2] - 0.024) * FIELD[::-1], np.full(10, height - 0.014))
+    lid = stack(
+        outline, (half[0] - 0.024) * FIELD[::-1], (half[2] - 0.024) * FIELD[::-1], np.full_like(FIELD, height - 0.014)
+    )
     floor = lid[::-1] * [1, 0, 1] + [0, 0.014, 0]
     return fill(capped(np.concatenate([floor, rings, lid])), size)
 
@@ -288,4 +290,4 @@ def disc(size: Vector, factors: Factors) -> Mesh:
     side = np.linspace(0, 1, 6)
     radius = np.concatenate([np.linspace(0.05, 0.86, 9), [0.9], 0.97 + 0.03 * np.sin(np.pi * side), 0.97 * s])
     y = np.concatenate([np.full(9, 0.5 * edge), [0.0], 0.9 * edge * side, slope + ring])
-    return fill(capped(stack(superellipse(half[0], half[2], 2.0, 64), half[0] * radius, half[2] * radius, y)), size)
+    return fill(capped(stack(superellipse(half[0], half[2], 2.0, 56), half[0] * radius, half[2] * radius, y)), size)

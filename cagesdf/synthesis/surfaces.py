@@ -16,7 +16,7 @@ from numpy import ndarray
 from cagesdf.meshes import Mesh, signed_volume
 from cagesdf.solid import as_manifold, from_manifold
 
-EDGE = 0.04  # longest edge of what booleans leave, so that a trilinear map bends it
+EDGE = 0.05  # longest edge of what booleans leave, so that a trilinear map bends it
 
 Vector = Float[ndarray, " 3"]
 

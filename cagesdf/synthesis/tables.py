@@ -17,9 +17,9 @@ from cagesdf.synthesis.surfaces import laid, rounded_rectangle, superellipse
 def top(size: ndarray, style: Style, power: float = 7.0) -> Mesh:
     """A top: rectangular, or round as far as the legs below allow (a superellipse's power)."""
     if style.kinds["outline"] == "round":
-        outline = superellipse(size[0] / 2, size[2] / 2, power, 96)
+        outline = superellipse(size[0] / 2, size[2] / 2, power, 64)
     else:
-        outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.012 + 1.5 * style.factors["edge"], 96)
+        outline = rounded_rectangle(size[0] / 2, size[2] / 2, 0.012 + 1.5 * style.factors["edge"], 64)
     return slabs.slab(size, outline, style.kinds["edge"], style.kinds["top"], style.factors)
 
 

@@ -14,7 +14,7 @@ from cagesdf.meshes import Mesh
 from cagesdf.synthesis.members import Factors
 from cagesdf.synthesis.surfaces import Vector, capped, fill, looped, smooth, stack, superellipse, sweep
 
-AROUND = 48  # points of a ring
+AROUND = 40  # points of a ring
 AROUND_BODY = 80  # points of a fluted ring: a groove has at least four
 BULB = 0.2  # half the height of a baluster's
 LOBES = (12, 16, 20)  # multiples of four touch the cuboid's four sides
