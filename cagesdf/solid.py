@@ -109,29 +109,35 @@ def from_manifold(solid: manifold3d.Manifold) -> Mesh:
 def union(meshes: list[Mesh]) -> Mesh:
     """The outer surface of closed, outward meshes taken together: distances must be to this one.
 
-    Raises ValueError if a mesh isn't closed, naming its position.
+    That goes for the connected components of one mesh, too, as in `outer_surface`. Raises ValueError if a
+    mesh isn't closed, naming its position.
     """
-    return from_manifold(_add(_closed_solids(meshes)))
+    return from_manifold(_add([_without_inner_faces(solid) for solid in _closed_solids(meshes)]))
 
 
 def outer_surface(mesh: Mesh) -> Mesh:
     """The outer surface of one closed, outward mesh whose connected components may overlap or touch.
 
-    `union` takes components of one mesh for meant and keeps the faces inside. A mesh whose components
-    have disjoint bounding boxes, as one with a single component, comes back as it is. A component that is
-    inside out is a cavity of the smallest other that contains it. Raises ValueError as `union`.
+    A mesh whose components have disjoint bounding boxes, as one with a single component, comes back as it is. A
+    component that is inside out is a cavity of the smallest other that contains it. Raises ValueError as `union`.
     """
     [whole] = _closed_solids([mesh])
+    outer = _without_inner_faces(whole)
+    return mesh if outer is whole else from_manifold(outer)
+
+
+def _without_inner_faces(whole: manifold3d.Manifold) -> manifold3d.Manifold:
+    """The union of a solid's components, which manifold3d takes for meant; the solid itself if they lie apart."""
     components = whole.decompose()
     solids = sorted((part for part in components if part.volume() > 0), key=lambda part: part.volume())
     if _boxes_are_disjoint(solids):
-        return mesh
+        return whole
     for cavity in (_flipped(from_manifold(part)) for part in components if part.volume() < 0):
         hole = as_manifold(cavity)
         owner = next((i for i, part in enumerate(solids) if (hole - part).volume() < 1e-3 * hole.volume()), None)
         if owner is not None:
             solids[owner] -= hole
-    return from_manifold(_add(solids))
+    return _add(solids)
 
 
 def _boxes_are_disjoint(solids: Sequence[manifold3d.Manifold]) -> bool:
