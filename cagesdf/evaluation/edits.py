@@ -1,10 +1,11 @@
 """What an edit's surface is worth: the figures of a trial (docs/metrics.md)."""
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
@@ -31,16 +32,16 @@ def measure(surface: Mesh, trial: Trial, truth: Truth, points: int, rng: np.rand
     `truth` is the trial's. `points` are drawn on each surface. A surface without faces gets the worst values.
     """
     figures = dict.fromkeys(FIGURES, NAN)
-    there, faces = sample_surface(truth.mesh, points, rng)
-    counted = truth.is_detail(there) & trial.changed[faces]
+    true_points, faces = sample_surface(truth.mesh, points, rng)
+    counted = truth.is_detail(true_points) & trial.changed[faces]
     mirror = mirror_plane(trial.cage) if trial.kind == "rest" else None
     if len(surface.faces) == 0:
         lost = {"distance": LOST, "distance_detail": LOST if counted.any() else NAN, "refit": LOST, "overshoot": 0.0}
         return figures | lost | {"symmetry": NAN if mirror is None else LOST}
     asked = SurfaceDistance(surface)
-    here, _ = sample_surface(surface, points, rng)
-    forth = asked.unsigned(there)
-    back, faces, nearest = truth.distance.closest(here)
+    surface_points, _ = sample_surface(surface, points, rng)
+    forth = asked.unsigned(true_points)
+    back, faces, nearest = truth.distance.closest(surface_points)
     figures["distance"] = percent((forth.mean() + back.mean()) / 2, truth)
     if counted.any():
         nears = truth.is_detail(nearest) & trial.changed[faces]
@@ -49,7 +50,7 @@ def measure(surface: Mesh, trial: Trial, truth: Truth, points: int, rng: np.rand
     figures["refit"] = 100 * refit(surface, truth.mesh, trial.cage)
     figures["overshoot"] = percent(overshoot(surface, trial.cage), truth)
     if mirror is not None:
-        figures["symmetry"] = percent(asked.unsigned(here * [-1, 1, 1] + [2 * mirror, 0, 0]).mean(), truth)
+        figures["symmetry"] = percent(asked.unsigned(surface_points * [-1, 1, 1] + [2 * mirror, 0, 0]).mean(), truth)
     return figures
 
 
@@ -74,7 +75,12 @@ def free_ends(surface: Mesh, cage: Cage) -> Float[ndarray, "p 3 2"]:
 
 def refit(surface: Mesh, truth: Mesh, cage: Cage) -> float:
     """Mean of `free_ends` over the ends of cuboids that the true surface reaches: others lie inside other parts."""
-    return float(free_ends(surface, cage)[free_ends(truth, cage) < REACHED].mean())
+    return float(free_ends(surface, cage)[_reached_ends(truth, cage)].mean())
+
+
+@lru_cache(maxsize=1)  # surfaces of several arms are measured against one truth, one after the other
+def _reached_ends(truth: Mesh, cage: Cage) -> Bool[ndarray, "p 3 2"]:
+    return free_ends(truth, cage) < REACHED
 
 
 def overshoot(surface: Mesh, cage: Cage) -> float:
@@ -108,8 +114,8 @@ def locality(
     distances = [np.zeros(0)]
     for surface, cage, other in ((before, rest, after), (after, trial.cage, before)):
         if len(before.faces) and len(after.faces):
-            here, _ = sample_surface(surface, points, rng)
-            distances.append(SurfaceDistance(other).unsigned(here[far[cage.assign(here)[0]]]))
+            sampled, _ = sample_surface(surface, points, rng)
+            distances.append(SurfaceDistance(other).unsigned(sampled[far[cage.assign(sampled)[0]]]))
     moved = np.concatenate(distances)
     if len(moved) == 0:
         return {}

@@ -167,14 +167,13 @@ def directions(
     predicted: Measured, truth: Truth, drawn: Drawn, rng: np.random.Generator
 ) -> tuple[Direction, Direction]:
     """From the true surface to the predicted one, and from as many points of that back."""
-    there = drawn.points
-    here, here_normals = _sample(predicted, len(there), rng)
-    distance, faces, _ = predicted.distance.closest(there)
+    points, normals = _sample(predicted, len(drawn.points), rng)
+    distance, faces, _ = predicted.distance.closest(drawn.points)
     cosine = np.einsum("ij,ij->i", drawn.normals, predicted.normals[faces])
-    forth = Direction(distance, _nearest(_tree(here), there), cosine, np.abs(cosine), drawn.detail)
-    distance, faces, nearest = truth.distance.closest(here)
-    cosine = np.einsum("ij,ij->i", here_normals, truth.normals[faces])
-    back = Direction(distance, _nearest(drawn.tree, here), cosine, np.abs(cosine), truth.is_detail(nearest))
+    forth = Direction(distance, _nearest(_tree(points), drawn.points), cosine, np.abs(cosine), drawn.detail)
+    distance, faces, nearest = truth.distance.closest(points)
+    cosine = np.einsum("ij,ij->i", normals, truth.normals[faces])
+    back = Direction(distance, _nearest(drawn.tree, points), cosine, np.abs(cosine), truth.is_detail(nearest))
     return forth, back
 
 

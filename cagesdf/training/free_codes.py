@@ -1,8 +1,8 @@
 """Codes of the parts of training shapes, learnt directly: what the decoder reads while codes come first.
 
-A table of codes is learnt three times as fast as a transformer that must give them for every cage, for each code moves
-alone. So the decoder and the table come first, the transformer learns what the table holds, and only
-then the decoder reads the transformer's codes (docs/training.md). The table isn't kept.
+A table of codes is learnt sooner than a transformer that must give them for every cage, for each code moves alone. So
+the decoder and the table come first, the transformer learns what the table holds, and only then the decoder reads
+the transformer's codes (docs/training.md has the figures). The table isn't kept.
 """
 
 import torch
