@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cagesdf.errors import InputError, ProgramError
 from cagesdf.structure.parsing import read_program
-from cagesdf.text import decode, read_text
+from cagesdf.text import decode, encoding_of, read_text
 
 SAVED = {
     "plain": lambda text: text.encode("utf-8"),
@@ -30,9 +30,35 @@ def test_text_is_read_back_however_it_was_saved(how: str, text: str) -> None:
     assert decode(SAVED[how](text), "a.txt") == text
 
 
-@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
-def test_utf16_is_known_without_a_mark(encoding: str) -> None:
-    assert decode(PROGRAM.encode(encoding), "a.txt") == PROGRAM
+UNMARKED = ["utf-16-le", "utf-16-be", "utf-32-le", "utf-32-be"]
+
+
+@pytest.mark.parametrize("encoding", UNMARKED)
+@pytest.mark.parametrize(
+    "text", [PROGRAM, "a", "1\n", '{"name": "Stühl"}', "椅子 01\r\n椅子 02\r\n", "Ā_1\nб_2\n", "№1"],
+    ids=["program", "letter", "line", "JSON", "Chinese", "Latin and Cyrillic", "sign"],
+)  # fmt: skip
+def test_wide_letters_are_known_without_a_mark(text: str, encoding: str) -> None:
+    assert decode(text.encode(encoding), "a.txt") == text
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_text_or_refused(content: bytes) -> None:
+    encoding = encoding_of(content)
+    try:
+        content.decode(encoding)
+    except UnicodeDecodeError:
+        with pytest.raises(InputError, match=r"^a\.txt, line "):
+            decode(content, "a.txt")
+    else:
+        text = decode(content, "a.txt")
+        assert not text.startswith("\ufeff")
+        assert content.endswith(text.encode(encoding))
+
+
+@pytest.mark.parametrize("content", [b"v 0 0 0\nv 0\0 0 1\n", b"solid a" + bytes(73), b"exported by a b" + bytes(49)])
+def test_some_bytes_of_0_make_no_wide_letters(content: bytes) -> None:
+    assert encoding_of(content) == "utf-8"
 
 
 def test_nothing_is_no_text() -> None:
@@ -42,8 +68,10 @@ def test_nothing_is_no_text() -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"leg \xff", "a.txt: is no text in UTF-8 (invalid start byte at byte 4); save it as UTF-8"),
-        ("Stuhl für".encode("latin-1"), "UTF-8"),
+        (b"leg \xff", "a.txt, line 1: is no text in UTF-8 (invalid start byte at byte 4); save it as UTF-8"),
+        ("Stuhl\r\nfür".encode("latin-1"), "a.txt, line 2: is no text in UTF-8"),
+        (codecs.BOM_UTF16_BE + "a\nb\n".encode("utf-16-be") + b"\xdc\0", "a.txt, line 3: is no text in UTF-16-BE"),
+        (codecs.BOM_UTF32_LE + b"\0\0\0\1", "UTF-32-LE"),
         (codecs.BOM_UTF16_LE + b"\0\xd8\0\0", "UTF-16-LE"),
         (codecs.BOM_UTF16_LE + b"a", "UTF-16-LE (truncated data"),
     ],
@@ -59,7 +87,8 @@ def test_files_are_bounded_and_there(tmp_path: Path) -> None:
     assert read_text(tmp_path / "a.txt", 5) == "12345"
     with pytest.raises(InputError, match=r"5 bytes; wanted at most 4"):
         read_text(tmp_path / "a.txt", 4)
-    for path, said in ((tmp_path / "b.txt", "no such file"), (tmp_path, "is a folder")):
+    long = tmp_path / ("b" * 300)
+    for path, said in ((tmp_path / "b.txt", "no such file"), (tmp_path, "is a folder"), (long, "can't be read")):
         with pytest.raises(InputError, match=said):
             read_text(path, 1_000_000)
 

@@ -6,17 +6,17 @@ from pathlib import Path
 
 from cagesdf.alignment import Candidate, align
 from cagesdf.errors import InputError
-from cagesdf.formats.splits import TRAIN, VAL
+from cagesdf.formats.splits import MAX_BYTES, TRAIN, VAL
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program
+from cagesdf.text import read_text
 
 SUFFIX = "_programs"
 
 # A published folder holds train.txt and val.txt beside its programs, or within: an id on each line.
-IDS = re.compile(rb"[\r\n]*[\w.@-][\w.@\r\n-]*")
-HEAD = 65_536  # bytes by which a list of ids is known
+IDS = re.compile(r"[\r\n]*[\w.@-][\w.@\r\n-]*")
 
 
 def read_assembly(
@@ -63,5 +63,7 @@ def list_programs(paths: Iterable[Path]) -> list[Path]:
 def _is_list(file: Path) -> bool:
     if file.name.casefold() in (TRAIN, VAL):
         return True
-    with file.open("rb") as content:
-        return IDS.fullmatch(content.read(HEAD)) is not None
+    try:
+        return IDS.fullmatch(read_text(file, MAX_BYTES)) is not None
+    except InputError:  # who reads it as a program says so
+        return False
