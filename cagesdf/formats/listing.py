@@ -52,6 +52,7 @@ class ShapeSource:
     path: Path  # its folder or file
     hierarchy: Path | None  # StructureNet's JSON
     program: Path | None  # ShapeAssembly's text
+    rivals: tuple[Path, ...] = ()  # others of the same id: if there are any, none is read
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class _Entries:
         if self.unnamed:
             yield f"no shapes, as their names are no text: {several(self.unnamed)}; rename them"
         if self.closed:
-            yield f"no shapes, as they can't be opened: {several(self.closed)}"
+            yield f"left out, as these folders can't be opened: {several(self.closed)}"
         if self.others:
             yield f"no shapes: {several(self.others)}"
 
@@ -99,7 +100,8 @@ class _Entries:
 def list_shapes(folder: Path, include: str) -> Listing:
     """The shapes of a category folder that are called `include` or whose id fits it as a glob.
 
-    Raises InputError if there is no such folder, no shape fits, two have the same id, or a list can't be read.
+    Folders and files that would have the same id are one shape, which `read_shape` rejects. Raises InputError if
+    there is no such folder, no shape fits, or a list can't be read.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; wanted one with a folder or file for each shape")
@@ -107,20 +109,16 @@ def list_shapes(folder: Path, include: str) -> Listing:
         raise InputError(f"{folder}: is a single PartNet shape; give the folder that holds it")
     fits = composed(include)
     entries = _entries(folder, fits)
-    places: dict[str, Path] = {}
+    places: dict[str, list[Path]] = {}
     for shape_id, path in entries.shapes:
-        if shape_id in places:
-            raise InputError(
-                f"{folder}: {places[shape_id].name} and {path.name} would both be shape {shape_id}; rename one"
-            )
-        places[shape_id] = path
+        places.setdefault(shape_id, []).append(path)
     shapes = sorted(shape_id for shape_id in places if _fits(shape_id, fits))
     notes = list(entries.notes())
     if not shapes:
         raise InputError(
             "; ".join([f"{folder}: no folder or mesh file fits include {include!r}; each would be one shape", *notes])
         )
-    if len(shapes) > 1 and all(path.is_file() for path in places.values()):
+    if len(shapes) > 1 and all(path.is_file() for _, path in entries.shapes):
         notes.append(
             f"each mesh file is a shape; parts of one shape belong into a folder of their own, {folder.name}/<shape>"
         )
@@ -133,8 +131,9 @@ def list_shapes(folder: Path, include: str) -> Listing:
         if files and not files.keys() & places.keys():
             notes.append(f"none of the {len(files):,} {kind} is called like a shape: {several(sorted(files))}")
     sources = [
-        ShapeSource(shape_id, split[shape_id], places[shape_id], hierarchies.get(shape_id), programs.get(shape_id))
+        ShapeSource(shape_id, split[shape_id], path, hierarchies.get(shape_id), programs.get(shape_id), tuple(rivals))
         for shape_id in shapes
+        for path, *rivals in [places[shape_id]]
     ]
     return Listing(tuple(sources), (*notes, *open_ids))
 
@@ -168,13 +167,26 @@ def find_shape(path: Path) -> ShapeSource:
 
 
 def read_shape(source: ShapeSource) -> RawShape:
-    """One shape as its files give it. Raises ShapeRejected with the reason if they can't be read."""
+    """One shape as its files give it. Raises ShapeRejected if they can't be read, or others have the same id."""
+    if source.rivals:
+        raise ShapeRejected(source.shape_id, "import_shapes", _ambiguous(source))
     try:
         if source.program is None:
             return _read_parts(source)
         return read_assembly(source.program, source.shape_id, source.split, *_read_candidates(source))
     except InputError as error:
         raise ShapeRejected(source.shape_id, "import_shapes", str(error)) from error
+
+
+def _ambiguous(source: ShapeSource) -> str:
+    """The reason for rejecting folders and files of one id; names that look alike are shown by their code points."""
+    paths = (source.path, *source.rivals)
+    alike = len({composed(path.name) for path in paths}) < len(paths)
+    names = [ascii(path.name) if alike else path.name for path in paths]
+    return (
+        f"{source.path.parent}: {', '.join(names[:-1])} and {names[-1]} would have the same id, {source.shape_id}; "
+        "keep one of them or rename the others"
+    )
 
 
 def _read_parts(source: ShapeSource) -> RawShape:
@@ -204,7 +216,10 @@ def _entries(folder: Path, fits: str) -> _Entries:
         if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
             entries.unnamed.append(ascii(name))
         elif path.is_dir():
-            _enter_folder(entries, name, path, _fits(name, fits))
+            try:
+                _enter_folder(entries, name, path, _fits(name, fits))
+            except OSError as error:
+                entries.closed.append(f"{name} ({error.strerror})")
         elif path.is_file() and name.casefold() in entries.lists:
             entries.lists[name.casefold()].append(path)
         elif path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
@@ -215,18 +230,15 @@ def _entries(folder: Path, fits: str) -> _Entries:
 
 
 def _enter_folder(entries: _Entries, name: str, path: Path, fits: bool) -> None:
+    """Put a folder where it belongs. Raises OSError if it can't be opened."""
+    foreign = _foreign(path)
     if name.endswith(structurenet.SUFFIX):
         entries.hierarchies.append(path)
         return
     if name.endswith(shapeassembly.SUFFIX):
         entries.programs.append(path)
         return
-    try:
-        shape, foreign = _holds_shape(path), _foreign(path)
-    except OSError as error:
-        entries.closed.append(f"{name} ({error.strerror})")
-        return
-    if shape:
+    if _holds_shape(path):
         entries.shapes.append((name, path))
     elif fits:
         entries.empty.append(name)
