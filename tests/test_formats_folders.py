@@ -113,7 +113,7 @@ def test_a_scene_can_not_make_us_open_other_files(tmp_path: Path) -> None:
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     toy.write_obj(tmp_path / "stool" / "seat.obj", SEAT)
     as_trimesh(SEAT).export(tmp_path / "stool" / "seat.stl")
-    with pytest.raises(ShapeRejected, match="two parts are called 'seat'"):
+    with pytest.raises(ShapeRejected, match=r"stool: seat\.obj and seat\.stl would have one name, 'seat'; keep"):
         read(tmp_path, "stool")
 
 

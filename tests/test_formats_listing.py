@@ -217,7 +217,7 @@ def test_entries_of_one_id_cost_their_own_shape_and_no_other(tmp_path: Path, kin
     assert read_shapes(tmp_path / "out").ids[:4] == tuple("abcd")
     ((shape_id, reason),) = read_rejected(tmp_path / "out").items()
     assert reason == (
-        f"{tmp_path}/raw: {called} would have the same id, {shape_id}; keep one of them or rename the others"
+        f"{tmp_path}/raw: {called} would have one name, {shape_id!r}; keep one of them or rename the others"
     )
 
 

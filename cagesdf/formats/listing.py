@@ -26,6 +26,7 @@ from pathlib import Path
 from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats import shapeassembly, structurenet
+from cagesdf.formats.naming import ambiguity
 from cagesdf.formats.partnet import MESH_FOLDERS, TREE, read_candidates, read_partnet
 from cagesdf.formats.parts_folder import MESH_SUFFIXES, part_files, read_parts_file, read_parts_folder
 from cagesdf.formats.shapeassembly import read_assembly
@@ -169,24 +170,15 @@ def find_shape(path: Path) -> ShapeSource:
 def read_shape(source: ShapeSource) -> RawShape:
     """One shape as its files give it. Raises ShapeRejected if they can't be read, or others have the same id."""
     if source.rivals:
-        raise ShapeRejected(source.shape_id, "import_shapes", _ambiguous(source))
+        names = [path.name for path in (source.path, *source.rivals)]
+        reason = f"{source.path.parent}: {ambiguity(names, source.shape_id)}"
+        raise ShapeRejected(source.shape_id, "import_shapes", reason)
     try:
         if source.program is None:
             return _read_parts(source)
         return read_assembly(source.program, source.shape_id, source.split, *_read_candidates(source))
     except InputError as error:
         raise ShapeRejected(source.shape_id, "import_shapes", str(error)) from error
-
-
-def _ambiguous(source: ShapeSource) -> str:
-    """The reason for rejecting folders and files of one id; names that look alike are shown by their code points."""
-    paths = (source.path, *source.rivals)
-    alike = len({composed(path.name) for path in paths}) < len(paths)
-    names = [ascii(path.name) if alike else path.name for path in paths]
-    return (
-        f"{source.path.parent}: {', '.join(names[:-1])} and {names[-1]} would have the same id, {source.shape_id}; "
-        "keep one of them or rename the others"
-    )
 
 
 def _read_parts(source: ShapeSource) -> RawShape:
