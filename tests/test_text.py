@@ -22,12 +22,12 @@ SAVED = {
 PROGRAM = "Assembly Program_0 {\r\nbbox = Cuboid(1, 1, 1, True)\r\na = Cuboid(1, 1, 1, True)\r\n}\r\n"
 
 
-@pytest.mark.parametrize("how", SAVED)
+@pytest.mark.parametrize("saved", SAVED)
 @given(text=st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\ufeff"), min_size=1))
-def test_text_is_read_back_however_it_was_saved(how: str, text: str) -> None:
-    if how == "plain" and "\0" in text:
+def test_text_is_read_back_however_it_was_saved(saved: str, text: str) -> None:
+    if saved == "plain" and "\0" in text:
         return  # may be UTF-16 without a mark
-    assert decode(SAVED[how](text), "a.txt") == text
+    assert decode(SAVED[saved](text), "a.txt") == text
 
 
 UNMARKED = ["utf-16-le", "utf-16-be", "utf-32-le", "utf-32-be"]
@@ -66,7 +66,7 @@ def test_nothing_is_no_text() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"leg \xff", "a.txt, line 1: is no text in UTF-8 (invalid start byte at byte 4); save it as UTF-8"),
         ("Stuhl\r\nfür".encode("latin-1"), "a.txt, line 2: is no text in UTF-8"),
@@ -76,10 +76,10 @@ def test_nothing_is_no_text() -> None:
         (codecs.BOM_UTF16_LE + b"a", "UTF-16-LE (truncated data"),
     ],
 )
-def test_what_is_no_text_is_refused_with_its_place(content: bytes, said: str) -> None:
+def test_what_is_no_text_is_refused_with_its_place(content: bytes, message: str) -> None:
     with pytest.raises(InputError) as error:
         decode(content, "a.txt")
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_files_are_bounded_and_there(tmp_path: Path) -> None:
@@ -88,14 +88,14 @@ def test_files_are_bounded_and_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"5 bytes; wanted at most 4"):
         read_text(tmp_path / "a.txt", 4)
     long = tmp_path / ("b" * 300)
-    for path, said in ((tmp_path / "b.txt", "no such file"), (tmp_path, "is a folder"), (long, "can't be read")):
-        with pytest.raises(InputError, match=said):
+    for path, message in ((tmp_path / "b.txt", "no such file"), (tmp_path, "is a folder"), (long, "can't be read")):
+        with pytest.raises(InputError, match=message):
             read_text(path, 1_000_000)
 
 
-@pytest.mark.parametrize("how", SAVED)
-def test_programs_are_read_in_every_encoding(how: str, tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_bytes(SAVED[how](PROGRAM))
+@pytest.mark.parametrize("saved", SAVED)
+def test_programs_are_read_in_every_encoding(saved: str, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes(SAVED[saved](PROGRAM))
     assert len(read_program(tmp_path / "a.txt").blocks) == 1
     (tmp_path / "b.txt").write_bytes(b"Assembly \xff")
     with pytest.raises(ProgramError, match="no text in UTF-8"):

@@ -110,7 +110,7 @@ class SparseIndices(JsonObject):
 
 
 class SparseValues(JsonObject):
-    """Rows that replace them."""
+    """Replacements of an accessor's rows."""
 
     buffer_view: Count
     byte_offset: Count = 0

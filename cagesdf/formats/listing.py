@@ -72,7 +72,7 @@ class Listing:
 
 @dataclass
 class _Entries:
-    """The entries of a category folder, by what they are."""
+    """The entries of a category folder by kind."""
 
     shapes: list[tuple[str, Path]] = field(default_factory=list)  # id, folder or file
     hierarchies: list[Path] = field(default_factory=list)  # folders
@@ -85,7 +85,7 @@ class _Entries:
     others: list[str] = field(default_factory=list)  # files
 
     def notes(self) -> Iterator[str]:
-        """A line a kind of entry that is no shape."""
+        """One line for each kind of entry that is no shape."""
         if self.foreign:
             yield f"not read: {several(self.foreign)}; export or unpack them as one of {', '.join(MESH_SUFFIXES)}"
         if self.empty:
@@ -199,7 +199,7 @@ def _read_candidates(source: ShapeSource) -> tuple[list[Candidate], dict[str, Me
 
 
 def _entries(folder: Path, fits: str) -> _Entries:
-    """What the entries of a folder are. Of those that are no shapes, only the ones that fit are named."""
+    """The entries of a folder by kind. Entries that are no shapes are named only if they fit."""
     entries = _Entries()
     for path in sorted(folder.iterdir()):
         name = composed(path.name)
@@ -257,7 +257,7 @@ def _foreign(folder: Path) -> list[Path]:
 
 
 def _by_id(folders: Sequence[Path], suffix: str) -> dict[str, Path]:
-    """The files of some folders by the shape they are called after; that of the first folder wins."""
+    """The files of the folders by the shape with their name; the first folder has precedence."""
     files: dict[str, Path] = {}
     for path in _files(folders):
         if path.suffix.lower() == suffix and path.name.casefold() not in (TRAIN, VAL):

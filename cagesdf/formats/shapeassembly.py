@@ -24,7 +24,7 @@ def read_assembly(
 ) -> RawShape:
     """One shape whose parts are the leaves of its program; each has all meshes that `align` gives to it.
 
-    `candidates` and the raw `meshes`, by name, are what the shape's own files hold. Raises
+    `candidates` and the raw `meshes`, by name, come from the shape's own files. Raises
     InputError, ProgramError among them, if the program is broken, doesn't execute, or has a leaf
     that no mesh belongs to.
     """
@@ -41,23 +41,23 @@ def read_assembly(
 
 
 def list_programs(paths: Iterable[Path]) -> list[Path]:
-    """The files given, and below each folder all .txt files, sorted, but lists of ids such as train.txt.
+    """The files given, and all .txt files below each folder, sorted; lists of ids such as train.txt are left out.
 
     Raises InputError for a path that isn't there and a folder without programs.
     """
-    found: list[Path] = []
+    programs: list[Path] = []
     for path in paths:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder; wanted ShapeAssembly programs")
         if path.is_file():
-            found.append(path)
+            programs.append(path)
             continue
         files = (file for file in sorted(path.rglob("*.txt")) if file.is_file() and not file.name.startswith("."))
         inside = [file for file in files if not _is_list(file)]
         if not inside:
             raise InputError(f"{path}: no programs in it; wanted .txt files that begin with Assembly NAME {{")
-        found += inside
-    return found
+        programs += inside
+    return programs
 
 
 def _is_list(file: Path) -> bool:
@@ -65,5 +65,5 @@ def _is_list(file: Path) -> bool:
         return True
     try:
         return IDS.fullmatch(read_text(file, MAX_BYTES)) is not None
-    except InputError:  # who reads it as a program says so
+    except InputError:  # reading it as a program says so
         return False

@@ -48,7 +48,7 @@ def several(names: Iterable[str]) -> str:
 
 
 def read_list(files: Sequence[Path], known: Set[str]) -> IdList:
-    """The ids in some files; `known` are the ids of all shapes that there are.
+    """The ids in the files; `known` are the ids of all shapes that there are.
 
     Raises InputError naming a file that can't be read, is no text, or has more than MAX_BYTES bytes.
     """
@@ -71,7 +71,7 @@ def read_list(files: Sequence[Path], known: Set[str]) -> IdList:
 def splits(
     shapes: Sequence[str], known: Set[str], train: Sequence[Path], val: Sequence[Path]
 ) -> tuple[dict[str, str], list[str]]:
-    """ "train" or "val" for each of `shapes`, and notes on what the lists leave open.
+    """ "train" or "val" for each of `shapes`, and notes on contradictions and gaps of the lists.
 
     `known` are the ids of all shapes that there are, a superset of `shapes`. No file in `train` or `val` means
     that there is no such list. Raises InputError as `read_list` does.
