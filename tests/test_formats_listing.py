@@ -166,6 +166,18 @@ def test_a_source_knows_its_hierarchy_and_the_first_of_several(tmp_path: Path) -
     ]
 
 
+def test_a_shape_that_is_called_like_a_folder_of_hierarchies_or_programs_is_noted(tmp_path: Path) -> None:
+    write_shapes(tmp_path, "a", "chair_hier", "chair_programs")
+    (tmp_path / "b_hier").mkdir()
+    listing = list_shapes(tmp_path, "*")
+    assert ids(listing) == ["a"]
+    assert listing.notes == (
+        "no shapes, as folders of hierarchies or programs end like them: chair_hier, chair_programs; "
+        "rename those whose meshes are a shape",
+    )
+    assert list_shapes(tmp_path, "a").notes == ()
+
+
 def test_programs_of_which_none_is_a_shapes_are_noted(tmp_path: Path) -> None:
     write_shapes(tmp_path, "a")
     (tmp_path / "x_programs").mkdir()

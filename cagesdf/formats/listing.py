@@ -82,6 +82,7 @@ class _Entries:
     empty: list[str] = field(default_factory=list)  # folders without a mesh
     unnamed: list[str] = field(default_factory=list)  # names that are no text
     closed: list[str] = field(default_factory=list)  # folders that can't be opened, and why
+    misnamed: list[str] = field(default_factory=list)  # folders of hierarchies or programs with meshes
     others: list[str] = field(default_factory=list)  # files
 
     def notes(self) -> Iterator[str]:
@@ -94,6 +95,11 @@ class _Entries:
             yield f"no shapes, as their names are no text: {several(self.unnamed)}; rename them"
         if self.closed:
             yield f"left out, as these folders can't be opened: {several(self.closed)}"
+        if self.misnamed:
+            yield (
+                f"no shapes, as folders of hierarchies or programs end like them: {several(self.misnamed)}; "
+                "rename those whose meshes are a shape"
+            )
         if self.others:
             yield f"no shapes: {several(self.others)}"
 
@@ -223,14 +229,14 @@ def _entries(folder: Path, fits: str) -> _Entries:
 
 def _enter_folder(entries: _Entries, name: str, path: Path, fits: bool) -> None:
     """Put a folder where it belongs. Raises OSError if it can't be opened."""
-    foreign = _foreign(path)
-    if name.endswith(structurenet.SUFFIX):
-        entries.hierarchies.append(path)
-        return
-    if name.endswith(shapeassembly.SUFFIX):
-        entries.programs.append(path)
-        return
-    if _holds_shape(path):
+    foreign, shape = _foreign(path), _holds_shape(path)
+    for suffix, folders in ((structurenet.SUFFIX, entries.hierarchies), (shapeassembly.SUFFIX, entries.programs)):
+        if name.endswith(suffix):
+            folders.append(path)
+            if shape and fits:
+                entries.misnamed.append(name)
+            return
+    if shape:
         entries.shapes.append((name, path))
     elif fits:
         entries.empty.append(name)
