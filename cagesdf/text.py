@@ -1,4 +1,4 @@
-"""Text that users' programs wrote: UTF-8 or UTF-16, with a byte order mark or without."""
+"""Text that users' programs wrote: UTF-8, UTF-16 or UTF-32, with a byte order mark or without."""
 
 import codecs
 from pathlib import Path
@@ -13,16 +13,17 @@ MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
-PROBE = 64  # bytes by which UTF-16 without a mark is known
+WIDE = ("utf-32-le", "utf-32-be", "utf-16-le", "utf-16-be")
+PROBE = 64  # bytes by which these are known without a mark
 
 
 def read_text(path: Path, most: int) -> str:
     """A file's text. Raises InputError if it is missing, larger than `most` bytes, unreadable or no text."""
-    if not path.is_file():
-        raise InputError(f"{path}: is a folder or a device, no file" if path.exists() else f"{path}: no such file")
     try:
-        if path.stat().st_size > most:
-            raise InputError(f"{path}: {path.stat().st_size:,} bytes; wanted at most {most:,}")
+        if not path.is_file():
+            raise InputError(f"{path}: is a folder or a device, no file" if path.exists() else f"{path}: no such file")
+        if (size := path.stat().st_size) > most:
+            raise InputError(f"{path}: {size:,} bytes; wanted at most {most:,}")
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: can't be read ({error.strerror})") from error
@@ -30,24 +31,28 @@ def read_text(path: Path, most: int) -> str:
 
 
 def decode(content: bytes, source: str) -> str:
-    """The text of a file's bytes, without its byte order mark. Raises InputError, which names `source`."""
+    """The text of a file's bytes, without its byte order mark. Raises InputError, which names `source` and line."""
     encoding = encoding_of(content)
     try:
         return content.decode(encoding).lstrip("\ufeff")
     except UnicodeDecodeError as error:
+        line = content[: error.start].decode(encoding).count("\n") + 1
         raise InputError(
-            f"{source}: is no text in {encoding.upper()} ({error.reason} at byte {error.start:,}); save it as UTF-8"
+            f"{source}, line {line}: is no text in {encoding.upper()} ({error.reason} at byte {error.start:,}); "
+            "save it as UTF-8"
         ) from error
 
 
 def encoding_of(content: bytes) -> str:
-    """The encoding that a byte order mark tells, or every other byte of a Latin text being 0; otherwise UTF-8."""
+    """The encoding by a byte order mark or by bytes of 0 in the first PROBE: "utf-8", or one of WIDE."""
     for mark, encoding in MARKS:
         if content.startswith(mark):
             return encoding
-    even, odd = content[:PROBE:2], content[1:PROBE:2]
-    if odd and all(even) and not any(odd):
-        return "utf-16-le"
-    if odd and all(odd) and not any(even):
-        return "utf-16-be"
-    return "utf-8"
+    probe = content[:PROBE]
+    return next((encoding for encoding in WIDE if 0 in probe and _is_latin(probe, encoding)), "utf-8")
+
+
+def _is_latin(probe: bytes, encoding: str) -> bool:
+    """Whether at least a quarter of the characters is Latin and none is a zero, as in any list, script or program."""
+    text = probe.decode(encoding, errors="replace")
+    return "\0" not in text and 4 * sum(character <= "\xff" for character in text) >= len(text)

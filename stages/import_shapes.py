@@ -17,7 +17,7 @@ from pipeline import ImportParams, artefact, parallel_map, run_stage
 
 
 def main(raw: Path, out: Path, params: ImportParams) -> None:
-    """Read a folder of shapes, write `shapes/`, print what is no shape and what became of each that is.
+    """Read a folder of shapes, write `shapes/`, print the entries that are no shape and the result for each shape.
 
     Raises InputError if there is no shape to train on, or more than the share `max_rejected` of them was rejected.
     """
@@ -48,7 +48,7 @@ def import_one(params: ImportParams, source: ShapeSource) -> Shape:
 
 
 def lost(source: ShapeSource, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(source.shape_id, "import_shapes", reason)
 
 

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 import toy
 import trimesh
+from gltf_files import Gltf
+from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import ShapeRejected
 from cagesdf.formats.listing import list_shapes, read_shape
-from cagesdf.meshes import is_closed, signed_volume
+from cagesdf.formats.polygons import Polygons, triangulated
+from cagesdf.importing import import_shape
+from cagesdf.meshes import face_areas, is_closed, signed_volume
 
 SEAT = toy.box([0, 1, 0], [1, 0.1, 1])
 LEG = toy.box([0, 0.5, 0], [0.1, 1, 0.1])
@@ -113,7 +117,7 @@ def test_a_scene_can_not_make_us_open_other_files(tmp_path: Path) -> None:
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     toy.write_obj(tmp_path / "stool" / "seat.obj", SEAT)
     as_trimesh(SEAT).export(tmp_path / "stool" / "seat.stl")
-    with pytest.raises(ShapeRejected, match="two parts are called 'seat'"):
+    with pytest.raises(ShapeRejected, match=r"stool: seat\.obj and seat\.stl would have one name, 'seat'; keep"):
         read(tmp_path, "stool")
 
 
@@ -128,3 +132,74 @@ def test_files_with_names_in_no_utf8_are_parts_of_their_own_and_their_faults_can
     with pytest.raises(ShapeRejected, match=r"\\udcff\.ply: can't be read as PLY") as caught:
         read(tmp_path, "stool")
     assert caught.value.reason.encode("utf-8")
+
+
+# A comb with concave lids and, at one edge of a lid, a flat flap of the same outline: faces of any number of corners.
+COMB = np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 3], [0, 3.0]])
+TURN = Rotation.from_rotvec([0.3, 0.7, -0.4]).as_matrix()
+COMB_AREA, COMB_ROUND, COMB_DEPTH = 6.0, 14.0, 0.5
+
+
+def comb_faces() -> tuple[np.ndarray, list[list[int]]]:
+    """Vertices and faces; the last face is the flap."""
+    count = len(COMB)
+    layers = [np.column_stack([outline, np.full(count, z)]) for outline, z in ((COMB, 0), (COMB, 0.5), (-COMB, 0))]
+    lids = [[*range(count)][::-1], [*range(count, 2 * count)]]
+    sides = [[i, (i + 1) % count, count + (i + 1) % count, count + i] for i in range(count)]
+    return np.concatenate(layers) @ TURN.T, [*lids, *sides, [*range(2 * count, 3 * count)]]
+
+
+def as_obj(vertices: np.ndarray, faces: list[list[int]]) -> bytes:
+    """UTF-16 with CRLF; corners are counted from the end, over two lines."""
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    for face in faces:
+        first, *others = (f"{i - len(vertices)}//1" for i in face)
+        lines.append(f"f {first} \\\r\n{' '.join(others)}")
+    return "\r\n".join(["o Kamm für 椅子", *lines]).encode("utf-16")
+
+
+def as_ply(vertices: np.ndarray, faces: list[list[int]]) -> bytes:
+    """Binary, big endian, numbers of corners in two bytes."""
+    header = (
+        f"ply\nformat binary_big_endian 1.0\nelement face {len(faces)}\nproperty list ushort int vertex_index\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
+    )
+    rows = b"".join(np.array(len(f), ">u2").tobytes() + np.array(f, ">i4").tobytes() for f in faces)
+    return header.encode() + rows + vertices.astype(">f8").tobytes()
+
+
+def as_glb(vertices: np.ndarray, faces: list[list[int]]) -> bytes:
+    """A sparse accessor over halves, with a normalised scale that the node undoes."""
+    size = float(np.abs(vertices).max())
+    numbers = np.round(vertices / size * 32767).astype(np.int16)
+    gltf = Gltf()
+    positions = gltf.sparse(numbers, numbers * (np.arange(len(numbers)) % 2)[:, None], "i2", places="u1")
+    gltf.tree["accessors"][positions]["normalized"] = True
+    triangles = triangulated(vertices, Polygons(np.concatenate(faces), np.array([*map(len, faces)])), str).faces
+    mesh = gltf.add("meshes", primitives=[gltf.primitive(positions, gltf.accessor(triangles.ravel(), "u1"))])
+    gltf.add("scenes", nodes=[gltf.add("nodes", mesh=mesh, name="root", scale=[size, -size, size])])
+    gltf.tree["extensionsRequired"] = ["KHR_mesh_quantization"]
+    return gltf.glb()
+
+
+def as_stl(vertices: np.ndarray, faces: list[list[int]]) -> bytes:
+    mesh = triangulated(vertices, Polygons(np.concatenate(faces), np.array([*map(len, faces)])), str)
+    corners = mesh.corners()
+    rows = np.zeros(len(corners), np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]))
+    rows["corners"] = corners
+    return b"solid that is binary".ljust(80) + np.array(len(rows), "<u4").tobytes() + rows.tobytes()
+
+
+@pytest.mark.parametrize(("suffix", "written"), [("obj", as_obj), ("ply", as_ply), ("glb", as_glb), ("stl", as_stl)])
+def test_a_comb_with_a_flap_has_all_of_its_surface_in_every_format(tmp_path: Path, suffix: str, written) -> None:
+    (tmp_path / f"comb.{suffix}").write_bytes(written(*comb_faces()))
+    raw = read(tmp_path, "comb")
+    area = 3 * COMB_AREA + COMB_ROUND * COMB_DEPTH
+    assert face_areas(raw.parts[0].mesh).sum() == pytest.approx(area, rel=1e-3 if suffix == "glb" else 1e-6)
+    shape = import_shape(raw, up="y", weld=1e-5, max_faces=1000, max_parts=1, min_thickness=1e-4)
+    repair = shape.parts[0].repair
+    assert repair.plates == 1
+    assert repair.lost <= 1e-3
+    scale = shape.similarity.scale
+    plate = repair.volume / scale**3 - COMB_AREA * COMB_DEPTH
+    assert 0 < plate < COMB_AREA * 2e-3 / scale, "the flap is thinner than what all of a sheet lies within"

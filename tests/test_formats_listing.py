@@ -1,11 +1,12 @@
 """Folders of shapes: which entries are shapes, what is said of the others; lists of ids; names that look like globs."""
 
 import codecs
+import errno
 import json
 import os
 import random
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import Listing, ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.formats.shapeassembly import list_programs
 from cagesdf.formats.splits import read_list
+from cagesdf.io.rejected import read_rejected
 from cagesdf.io.shapes import read_shapes
 from pipeline import ImportParams
 from stages.import_shapes import main
@@ -64,9 +66,6 @@ def test_the_listing_takes_folders_and_files_that_fit_and_nothing_else(tmp_path:
         list_shapes(tmp_path, "sofa*")
     with pytest.raises(InputError, match="no such folder"):
         list_shapes(tmp_path / "none", "*")
-    (tmp_path / "desk.obj").touch()
-    with pytest.raises(InputError, match=r"desk and desk\.obj would both be shape desk"):
-        list_shapes(tmp_path, "*")
 
 
 def test_each_mesh_file_of_a_format_that_is_read_is_a_shape_and_others_are_named(tmp_path: Path) -> None:
@@ -167,6 +166,18 @@ def test_a_source_knows_its_hierarchy_and_the_first_of_several(tmp_path: Path) -
     ]
 
 
+def test_a_shape_that_is_called_like_a_folder_of_hierarchies_or_programs_is_noted(tmp_path: Path) -> None:
+    write_shapes(tmp_path, "a", "chair_hier", "chair_programs")
+    (tmp_path / "b_hier").mkdir()
+    listing = list_shapes(tmp_path, "*")
+    assert ids(listing) == ["a"]
+    assert listing.notes == (
+        "no shapes, as folders of hierarchies or programs end like them: chair_hier, chair_programs; "
+        "rename those whose meshes are a shape",
+    )
+    assert list_shapes(tmp_path, "a").notes == ()
+
+
 def test_programs_of_which_none_is_a_shapes_are_noted(tmp_path: Path) -> None:
     write_shapes(tmp_path, "a")
     (tmp_path / "x_programs").mkdir()
@@ -179,17 +190,79 @@ def test_lists_and_hidden_files_beside_programs_are_no_programs(tmp_path: Path) 
     (tmp_path / "__MACOSX").mkdir()
     for name, content in {
         "train.txt": b"\xef\xbb\xbfchair 01\r\n", "Val.txt": b"\xff\xfea\0", "__MACOSX/._a.txt": b"\0\5",
-        "a.txt": b"Assembly x {\n}\n",
+        "ids.txt": codecs.BOM_UTF16_LE + "chair_01\r\nstühl\r\n".encode("utf-16-le"),
+        "a.txt": b"Assembly x {\n}\n", "b.txt": "Assembly x {\r\n}\r\n".encode("utf-16"), "c.txt": b"\xff",
     }.items():  # fmt: skip
         (tmp_path / name).write_bytes(content)
-    assert list_programs([tmp_path]) == [tmp_path / "a.txt"]
+    assert list_programs([tmp_path]) == [tmp_path / name for name in ("a.txt", "b.txt", "c.txt")]
 
 
-def test_two_spellings_of_one_name_are_refused(tmp_path: Path) -> None:
-    write_shapes(tmp_path, *(unicodedata.normalize(form, "Stühl") for form in ("NFC", "NFD")))
-    if len([*tmp_path.iterdir()]) == 2:  # some file systems take them for one
-        with pytest.raises(InputError, match="would both be shape Stühl"):
-            list_shapes(tmp_path, "*")
+# Names of entries that have one id, and what the message calls them.
+RIVALS = {
+    "two formats": (("chair.obj", "chair.ply"), "chair.obj and chair.ply"),
+    "a folder beside": (("chair/seat.obj", "chair.stl"), "chair and chair.stl"),
+    "PartNet beside": (("chair/objs/o-0.obj", "chair.glb"), "chair and chair.glb"),
+    "cases of a suffix": (("chair.OBJ", "chair.obj"), "chair.OBJ and chair.obj"),
+    "three": (("chair.glb", "chair.obj", "chair.stl"), "chair.glb, chair.obj and chair.stl"),
+    "spellings": (("chai\u0308r.obj", "cha\u00efr.ply"), "chai\u0308r.obj and cha\u00efr.ply"),
+    "spellings of a file": (("st\u00fchl.obj", "stu\u0308hl.obj"), r"'stu\u0308hl.obj' and 'st\xfchl.obj'"),
+    "spellings of a folder": (("st\u00fchl/a.obj", "stu\u0308hl/a.obj"), r"'stu\u0308hl' and 'st\xfchl'"),
+}
+
+
+def write_entries(folder: Path, *names: str) -> None:
+    """A folder or file for each name, as far as the file system takes them for several."""
+    for name in names:
+        toy.write_obj(folder / name, BOX)
+
+
+@pytest.mark.parametrize("kind", RIVALS)
+def test_entries_of_one_id_cost_their_own_shape_and_no_other(tmp_path: Path, kind: str) -> None:
+    names, called = RIVALS[kind]
+    write_shapes(tmp_path / "raw", *"abcd")
+    (tmp_path / "raw" / "chair.zip").touch()
+    write_entries(tmp_path / "raw", *names)
+    if len([*(tmp_path / "raw").iterdir()]) < 5 + len(names):
+        pytest.skip("the file system takes some names for one")
+    (tmp_path / "raw" / "val.txt").write_text("b\nchair\n")
+    main(tmp_path / "raw", tmp_path / "out", PARAMS.model_copy(update={"max_rejected": 0.2}))
+    assert read_shapes(tmp_path / "out").ids[:4] == tuple("abcd")
+    ((shape_id, reason),) = read_rejected(tmp_path / "out").items()
+    assert reason == (
+        f"{tmp_path}/raw: {called} would have one name, {shape_id!r}; keep one of them or rename the others"
+    )
+
+
+def test_names_that_differ_by_case_or_more_are_shapes_of_their_own(tmp_path: Path) -> None:
+    names = ["Chair.ply", "chair.obj", "chair_.obj", "chair.v2.obj", "chair v2.obj"]
+    write_entries(tmp_path, *names)
+    assert ids(list_shapes(tmp_path, "*")) == ["Chair", "chair", "chair v2", "chair.v2", "chair_"]
+    assert not any(source.rivals for source in list_shapes(tmp_path, "*"))
+
+
+def test_rivals_that_are_not_included_cost_nothing(tmp_path: Path) -> None:
+    write_shapes(tmp_path, "a")
+    write_entries(tmp_path, "chair.obj", "chair.ply")
+    (source,) = list_shapes(tmp_path, "a")
+    assert read_shape(source).shape_id == "a"
+
+
+def test_a_folder_that_can_not_be_opened_is_left_out_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_shapes(tmp_path, "a", "locked", "x_hier", "x_programs")
+    opened = Path.iterdir
+
+    def iterdir(path: Path) -> Iterator[Path]:
+        if path.parent == tmp_path and path.name != "a":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    listing = list_shapes(tmp_path, "*")
+    assert ids(listing) == ["a"]
+    (note,) = listing.notes
+    assert note == "left out, as these folders can't be opened: " + ", ".join(
+        f"{name} (Permission denied)" for name in ("locked", "x_hier", "x_programs")
+    )
 
 
 # Lists
@@ -335,8 +408,8 @@ def test_shapes_that_the_train_list_lacks_are_told_if_they_are_asked_for(tmp_pat
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"a\nSt\xfchl\n", "line 2: is no utf-8 text; save the list as UTF-8"),
-        (codecs.BOM_UTF16_LE + b"a\0\n", "is no utf-16 text"),
+        (b"a\nSt\xfchl\n", "line 2: is no text in UTF-8 .*; save it as UTF-8"),
+        (codecs.BOM_UTF16_LE + b"a\0\n", "line 1: is no text in UTF-16-LE"),
         (b" " * (16 * 2**20 + 1), "at most 16,777,216"),
     ],
     ids=["Latin-1", "half a letter", "17 MB"],

@@ -98,6 +98,19 @@ def test_what_does_not_fit_together_rejects_the_shape(tmp_path: Path, tree, hier
         read(tmp_path)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-32-be"])
+def test_trees_and_hierarchies_are_read_in_every_encoding(tmp_path: Path, encoding: str) -> None:
+    tree = [node(0, "chair", ["o-0"], node(1, "椅子", ["o-0"]))]
+    write(tmp_path, tree, {"id": 0, "label": "chair", "children": [{"id": 1, "label": "Stühl"}]})
+    for path in (tmp_path / "7" / "result_after_merging.json", tmp_path / "chair_hier" / "7.json"):
+        content = json.loads(path.read_text())
+        path.write_bytes(json.dumps(content, ensure_ascii=False).encode(encoding))
+    assert [part.label for part in read(tmp_path).parts] == ["Stühl"]
+    (tmp_path / "chair_hier" / "7.json").write_bytes('{"id": 0,\n"label": "Stühl"}'.encode("latin-1"))
+    with pytest.raises(ShapeRejected, match=r"7\.json, line 2: is no text in UTF-8 .*; save it as UTF-8"):
+        read(tmp_path)
+
+
 def test_broken_json_and_a_missing_mesh_folder_reject_the_shape(tmp_path: Path) -> None:
     write(tmp_path, [TREE])
     (tmp_path / "7" / "objs").rename(tmp_path / "7" / "meshes")

@@ -49,9 +49,9 @@ def quoted(line: bytes) -> str:
 
 
 def numbers(words: list[bytes]) -> list[float]:
-    """Words of a text file as numbers. Raises ValueError in words."""
+    """Words of a text file as numbers. Raises ValueError that quotes the first wrong word."""
     try:
-        if b"_" not in b"".join(words):  # Python would read 1_0
+        if b"_" not in b"".join(words):  # float() would read 1_0
             return [*map(float, words)]
     except ValueError:
         pass
@@ -61,7 +61,7 @@ def numbers(words: list[bytes]) -> list[float]:
 
 
 def whole_numbers(words: list[bytes]) -> list[int]:
-    """Words of a text file as whole numbers. Raises ValueError in words."""
+    """Words of a text file as whole numbers. Raises ValueError that quotes the first wrong word."""
     try:
         if b"_" not in b"".join(words):
             return [*map(int, words)]

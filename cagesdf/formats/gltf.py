@@ -88,7 +88,7 @@ class _Tree:
         return pose
 
     def _roots(self) -> tuple[int, ...]:
-        """The default scene's, else the first's; without scenes all nodes that are no children."""
+        """Root nodes of the default scene, else of the first; without scenes all nodes that are no children."""
         scenes, scene = self._document.scenes, self._document.scene
         if not scenes and scene is None:
             return self._tops()
@@ -156,7 +156,7 @@ class _Surfaces:
         self._meshes: dict[tuple[int, tuple[float, ...]], Mesh] = {}  # likewise; in the node's frame
 
     def check(self, nodes: list[int]) -> None:
-        """Raise InputError for what can't be read, or is too much. Nothing of the buffers is read yet."""
+        """Raise InputError for primitives that can't be read or are too many. The buffers aren't read yet."""
         keys = [self._key(i) for i in nodes]
         primitives = sum(len(self._document.meshes[mesh].primitives) for mesh, _ in keys)
         self._limit("primitives", primitives, MAX_ENTRIES)
@@ -262,7 +262,7 @@ class _Surfaces:
 
 
 def _triangles(mode: int, corners: Int[ndarray, " n"]) -> Int[ndarray, "f 3"]:
-    """Triangles of a list, strip or fan, as §3.7.2.1 of the specification winds them; those that join strips go."""
+    """Triangles of a list, or of a strip or fan without degenerate ones, wound as in the specification, §3.7.2.1."""
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
     i = np.arange(max(len(corners) - 2, 0))

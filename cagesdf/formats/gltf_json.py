@@ -1,6 +1,5 @@
 """glTF's JSON: its schema as far as shapes need it, and the files that hold it."""
 
-import json
 import re
 import struct
 from pathlib import Path
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
 from cagesdf.formats.content import read_bounded
+from cagesdf.text import decode
 
 MAX_VALUES = 5_000_000  # of the JSON; each may take some hundred bytes
 MAX_ENTRIES = 100_000  # of each of the JSON's lists
@@ -110,7 +110,7 @@ class SparseIndices(JsonObject):
 
 
 class SparseValues(JsonObject):
-    """Rows that replace them."""
+    """Replacements of an accessor's rows."""
 
     buffer_view: Count
     byte_offset: Count = 0
@@ -174,7 +174,7 @@ class GltfJson(JsonObject):
 def load(path: Path) -> tuple[GltfJson, memoryview | None]:
     """The JSON, and the bytes that a binary file carries. Raises InputError, as for extensions that can't be read."""
     content, binary = _chunks(path, read_bounded(path))
-    text = _decoded(content)
+    text = _decoded(path, content)
     if (values := sum(map(text.count, ",[{"))) > MAX_VALUES:
         raise InputError(f"{path}: its JSON has about {values:,} values, at most {MAX_VALUES:,} are read; simplify it")
     try:
@@ -223,11 +223,11 @@ def _chunks(path: Path, content: bytes) -> tuple[bytes, memoryview | None]:
     return bytes(chunks[0][1]).rstrip(b" \0"), chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else None
 
 
-def _decoded(content: bytes) -> str:
-    """JSON's text: UTF-8, 16 or 32, with or without a mark; otherwise Latin-1, which programs for Windows write."""
+def _decoded(path: Path, content: bytes) -> str:
+    """JSON's text as `text.decode` knows it; otherwise in Latin-1, which programs for Windows write."""
     try:
-        return content.decode(json.detect_encoding(content))
-    except UnicodeDecodeError:
+        return decode(content, str(path))
+    except InputError:
         return content.decode("latin-1")
 
 

@@ -103,7 +103,7 @@ class Numbers:
         return np.ndarray((count, width), dtype, buffer, view.byte_offset + offset, (stride, dtype.itemsize))
 
     def _buffer(self, index: int, extensions: Extensions, where: str) -> bytes | memoryview:
-        """The bytes of a buffer, at least as many as the file says. `extensions` are those of a view of it."""
+        """The bytes of a buffer, at least the number in the file. `extensions` are those of a view of it."""
         if index in self._buffers:
             return self._buffers[index]
         entry = self._document.buffers[index]

@@ -26,6 +26,7 @@ from pathlib import Path
 from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats import shapeassembly, structurenet
+from cagesdf.formats.naming import ambiguity
 from cagesdf.formats.partnet import MESH_FOLDERS, TREE, read_candidates, read_partnet
 from cagesdf.formats.parts_folder import MESH_SUFFIXES, part_files, read_parts_file, read_parts_folder
 from cagesdf.formats.shapeassembly import read_assembly
@@ -52,6 +53,7 @@ class ShapeSource:
     path: Path  # its folder or file
     hierarchy: Path | None  # StructureNet's JSON
     program: Path | None  # ShapeAssembly's text
+    rivals: tuple[Path, ...] = ()  # others of the same id: if there are any, none is read
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Listing:
 
 @dataclass
 class _Entries:
-    """The entries of a category folder, by what they are."""
+    """The entries of a category folder by kind."""
 
     shapes: list[tuple[str, Path]] = field(default_factory=list)  # id, folder or file
     hierarchies: list[Path] = field(default_factory=list)  # folders
@@ -80,10 +82,11 @@ class _Entries:
     empty: list[str] = field(default_factory=list)  # folders without a mesh
     unnamed: list[str] = field(default_factory=list)  # names that are no text
     closed: list[str] = field(default_factory=list)  # folders that can't be opened, and why
+    misnamed: list[str] = field(default_factory=list)  # folders of hierarchies or programs with meshes
     others: list[str] = field(default_factory=list)  # files
 
     def notes(self) -> Iterator[str]:
-        """A line a kind of entry that is no shape."""
+        """One line for each kind of entry that is no shape."""
         if self.foreign:
             yield f"not read: {several(self.foreign)}; export or unpack them as one of {', '.join(MESH_SUFFIXES)}"
         if self.empty:
@@ -91,7 +94,12 @@ class _Entries:
         if self.unnamed:
             yield f"no shapes, as their names are no text: {several(self.unnamed)}; rename them"
         if self.closed:
-            yield f"no shapes, as they can't be opened: {several(self.closed)}"
+            yield f"left out, as these folders can't be opened: {several(self.closed)}"
+        if self.misnamed:
+            yield (
+                f"no shapes, as folders of hierarchies or programs end like them: {several(self.misnamed)}; "
+                "rename those whose meshes are a shape"
+            )
         if self.others:
             yield f"no shapes: {several(self.others)}"
 
@@ -99,7 +107,8 @@ class _Entries:
 def list_shapes(folder: Path, include: str) -> Listing:
     """The shapes of a category folder that are called `include` or whose id fits it as a glob.
 
-    Raises InputError if there is no such folder, no shape fits, two have the same id, or a list can't be read.
+    Folders and files that would have the same id are one shape, which `read_shape` rejects. Raises InputError if
+    there is no such folder, no shape fits, or a list can't be read.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; wanted one with a folder or file for each shape")
@@ -107,20 +116,16 @@ def list_shapes(folder: Path, include: str) -> Listing:
         raise InputError(f"{folder}: is a single PartNet shape; give the folder that holds it")
     fits = composed(include)
     entries = _entries(folder, fits)
-    places: dict[str, Path] = {}
+    places: dict[str, list[Path]] = {}
     for shape_id, path in entries.shapes:
-        if shape_id in places:
-            raise InputError(
-                f"{folder}: {places[shape_id].name} and {path.name} would both be shape {shape_id}; rename one"
-            )
-        places[shape_id] = path
+        places.setdefault(shape_id, []).append(path)
     shapes = sorted(shape_id for shape_id in places if _fits(shape_id, fits))
     notes = list(entries.notes())
     if not shapes:
         raise InputError(
             "; ".join([f"{folder}: no folder or mesh file fits include {include!r}; each would be one shape", *notes])
         )
-    if len(shapes) > 1 and all(path.is_file() for path in places.values()):
+    if len(shapes) > 1 and all(path.is_file() for _, path in entries.shapes):
         notes.append(
             f"each mesh file is a shape; parts of one shape belong into a folder of their own, {folder.name}/<shape>"
         )
@@ -133,8 +138,9 @@ def list_shapes(folder: Path, include: str) -> Listing:
         if files and not files.keys() & places.keys():
             notes.append(f"none of the {len(files):,} {kind} is called like a shape: {several(sorted(files))}")
     sources = [
-        ShapeSource(shape_id, split[shape_id], places[shape_id], hierarchies.get(shape_id), programs.get(shape_id))
+        ShapeSource(shape_id, split[shape_id], path, hierarchies.get(shape_id), programs.get(shape_id), tuple(rivals))
         for shape_id in shapes
+        for path, *rivals in [places[shape_id]]
     ]
     return Listing(tuple(sources), (*notes, *open_ids))
 
@@ -168,7 +174,11 @@ def find_shape(path: Path) -> ShapeSource:
 
 
 def read_shape(source: ShapeSource) -> RawShape:
-    """One shape as its files give it. Raises ShapeRejected with the reason if they can't be read."""
+    """One shape as its files give it. Raises ShapeRejected if they can't be read, or others have the same id."""
+    if source.rivals:
+        names = [path.name for path in (source.path, *source.rivals)]
+        reason = f"{source.path.parent}: {ambiguity(names, source.shape_id)}"
+        raise ShapeRejected(source.shape_id, "import_shapes", reason)
     try:
         if source.program is None:
             return _read_parts(source)
@@ -195,7 +205,7 @@ def _read_candidates(source: ShapeSource) -> tuple[list[Candidate], dict[str, Me
 
 
 def _entries(folder: Path, fits: str) -> _Entries:
-    """What the entries of a folder are. Of those that are no shapes, only the ones that fit are named."""
+    """The entries of a folder by kind. Entries that are no shapes are named only if they fit."""
     entries = _Entries()
     for path in sorted(folder.iterdir()):
         name = composed(path.name)
@@ -204,7 +214,10 @@ def _entries(folder: Path, fits: str) -> _Entries:
         if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
             entries.unnamed.append(ascii(name))
         elif path.is_dir():
-            _enter_folder(entries, name, path, _fits(name, fits))
+            try:
+                _enter_folder(entries, name, path, _fits(name, fits))
+            except OSError as error:
+                entries.closed.append(f"{name} ({error.strerror})")
         elif path.is_file() and name.casefold() in entries.lists:
             entries.lists[name.casefold()].append(path)
         elif path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
@@ -215,17 +228,14 @@ def _entries(folder: Path, fits: str) -> _Entries:
 
 
 def _enter_folder(entries: _Entries, name: str, path: Path, fits: bool) -> None:
-    if name.endswith(structurenet.SUFFIX):
-        entries.hierarchies.append(path)
-        return
-    if name.endswith(shapeassembly.SUFFIX):
-        entries.programs.append(path)
-        return
-    try:
-        shape, foreign = _holds_shape(path), _foreign(path)
-    except OSError as error:
-        entries.closed.append(f"{name} ({error.strerror})")
-        return
+    """Put a folder where it belongs. Raises OSError if it can't be opened."""
+    foreign, shape = _foreign(path), _holds_shape(path)
+    for suffix, folders in ((structurenet.SUFFIX, entries.hierarchies), (shapeassembly.SUFFIX, entries.programs)):
+        if name.endswith(suffix):
+            folders.append(path)
+            if shape and fits:
+                entries.misnamed.append(name)
+            return
     if shape:
         entries.shapes.append((name, path))
     elif fits:
@@ -253,7 +263,7 @@ def _foreign(folder: Path) -> list[Path]:
 
 
 def _by_id(folders: Sequence[Path], suffix: str) -> dict[str, Path]:
-    """The files of some folders by the shape they are called after; that of the first folder wins."""
+    """The files of the folders by the shape with their name; the first folder has precedence."""
     files: dict[str, Path] = {}
     for path in _files(folders):
         if path.suffix.lower() == suffix and path.name.casefold() not in (TRAIN, VAL):

@@ -1,8 +1,8 @@
-"""Part ids: what becomes of the names that files give their parts."""
+"""Part ids from the names that files give their parts, and names of files as messages list them."""
 
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 UNNAMED = "part"
 MAX_NAME = 120  # characters of a name that are kept
@@ -29,3 +29,10 @@ def distinct_names(texts: Iterable[str]) -> list[str]:
         taken.add(unique)
         result.append(unique)
     return result
+
+
+def ambiguity(files: Sequence[str], name: str) -> str:
+    """The complaint about files or folders that would all be called `name`; those that look alike by code points."""
+    alike = len({unicodedata.normalize("NFC", file) for file in files}) < len(files)
+    *others, last = map(ascii, files) if alike else files
+    return f"{', '.join(others)} and {last} would have one name, {name!r}; keep one of them or rename the others"

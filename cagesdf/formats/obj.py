@@ -24,13 +24,13 @@ from cagesdf.formats.content import MAX_PARTS, names_of, numbers, plain_text, qu
 from cagesdf.formats.polygons import Polygons, triangulated
 from cagesdf.meshes import Mesh
 
-# Statements that stand for surfaces, which would be missing without a word.
+# Statements that stand for surfaces: ignoring them would lose these silently.
 UNREAD = {
     b"surf": "free-form surfaces", b"bzp": "patches", b"bsp": "patches", b"cdc": "patches", b"cdp": "patches",
     b"res": "patches", b"call": "other files",
 }  # fmt: skip
 NUMBERED = (b"v", b"f", b"l", b"p")  # first letters of lines of numbers: names and paths may end in a backslash
-# Lines of three coordinates each, or of three corners: what most of a file is.
+# Runs of lines of three coordinates each, or of three corners: most of a file.
 RUN = re.compile(
     rb"(?:^v(?:[ \t]++[-+.0-9eE]++){3}[ \t]*+\r?\n)++|(?:^f(?:[ \t]++-?[0-9]{1,18}+(?:/[-0-9/]*+)?){3}[ \t]*+\r?\n)++",
     re.MULTILINE,
@@ -106,7 +106,7 @@ def _components(content: _Content) -> Int[ndarray, " n"]:
 
 
 def _mesh(path: Path, content: _Content, chosen: Int[ndarray, " p"]) -> Mesh:
-    """The mesh of some faces of a file."""
+    """The mesh of the chosen faces of a file."""
     all_counts = np.asarray(content.counts).view(np.int64)  # from C's long long
     counts, lines = all_counts[chosen], np.asarray(content.lines)[chosen]
     starts = np.cumsum(all_counts)[chosen] - counts
@@ -120,7 +120,8 @@ def _read(path: Path) -> _Content:
     content, text = _Content(), plain_text(read_bounded(path), str(path))
     done, at = 0, 1
     for run in RUN.finditer(text):
-        # A line that goes on in the run's first belongs to it, and a run that can't be read has a line to be named.
+        # A line continued by the run's first one belongs to it. A run that can't be read is read by statements, so that
+        # the error names the line.
         goes_on = text[done : run.start()].rstrip().endswith(b"\\")
         if not goes_on:
             at = _add_statements(path, content, text[done : run.start()], at)

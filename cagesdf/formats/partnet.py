@@ -18,7 +18,7 @@ TREE = "result_after_merging.json"
 MESH_FOLDERS = ("objs", "textured_objs")
 SUFFIX = ".obj"
 SHOWN = 5  # missing meshes that a message names
-REMAINDER = "-1"  # StructureNet's id of what a node holds beside its labelled children
+REMAINDER = "-1"  # StructureNet's id for the meshes that a node holds beside its labelled children
 OTHER = "other"  # and its label
 
 
@@ -63,22 +63,22 @@ def read_partnet(folder: Path, shape_id: str, split: str, hierarchy: Path | None
 
 
 def read_candidates(folder: Path) -> tuple[list[Candidate], dict[str, Mesh]]:
-    """What the leaves of a shape's program may stand for, in preorder, and all meshes by name.
+    """Candidates for the leaves of a shape's program, in preorder, and all meshes by name.
 
     Each node of PartNet's tree with all meshes below it, then its remainder, labelled "other".
     Raises InputError as `read_partnet` does.
     """
     tree = _read_tree(folder / TREE)
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     for entry in tree.walk():
-        found.append(Candidate(entry.node_id, entry.label, entry.objs))
+        candidates.append(Candidate(entry.node_id, entry.label, entry.objs))
         if entry.children and entry.remainder():
-            found.append(Candidate(f"{REMAINDER}@{entry.node_id}", OTHER, entry.remainder()))
-    return found, _read_meshes(folder, tree, set(tree.objs))
+            candidates.append(Candidate(f"{REMAINDER}@{entry.node_id}", OTHER, entry.remainder()))
+    return candidates, _read_meshes(folder, tree, set(tree.objs))
 
 
 def _read_meshes(folder: Path, tree: _Entry, names: Set[str]) -> dict[str, Mesh]:
-    """Some of the meshes by name. Raises InputError that names node and OBJ for those that can't be used."""
+    """The meshes of these names, by name. Raises InputError with node and OBJ for those that can't be used."""
     files = _mesh_files(folder)
     listed = [name for name in tree.objs if name in names]
     if missing := [name for name in listed if name not in files]:
@@ -166,7 +166,7 @@ def _with_remainders(entry: _Entry) -> Node:
 def _objs_of_parts(structure: PartHierarchy, tree: _Entry, source: Path) -> dict[str, tuple[str, ...]]:
     """Mesh names by part id, in the structure's order. Raises InputError if a part has none, or one of another's."""
     entries = {entry.node_id: entry for entry in tree.walk()}
-    found: dict[str, tuple[str, ...]] = {}
+    objs_by_part: dict[str, tuple[str, ...]] = {}
     owners: dict[str, str] = {}  # part id by mesh name
 
     def visit(node: Node, parent: _Entry | None) -> None:
@@ -187,7 +187,7 @@ def _objs_of_parts(structure: PartHierarchy, tree: _Entry, source: Path) -> dict
                     f"{source}: {name}{SUFFIX} is of node {owners[name]} and of node {node.node_id}; wanted it in one"
                 )
             owners[name] = node.node_id
-        found[node.node_id] = objs
+        objs_by_part[node.node_id] = objs
 
     visit(structure.tree, None)
-    return found
+    return objs_by_part

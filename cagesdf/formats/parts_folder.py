@@ -12,7 +12,7 @@ from pathlib import Path
 from cagesdf.errors import InputError
 from cagesdf.formats import gltf
 from cagesdf.formats.content import names_of
-from cagesdf.formats.naming import UNNAMED, distinct_names, part_name
+from cagesdf.formats.naming import UNNAMED, ambiguity, distinct_names, part_name
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.formats.ply import read_ply
 from cagesdf.formats.stl import read_stl
@@ -38,8 +38,12 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     files = part_files(folder)
     if not files:
         raise InputError(f"{folder}: holds no mesh; wanted one {', '.join(MESH_SUFFIXES)} file for each part")
-    names = map(part_name, names_of([os.fsencode(path.stem) for path in files]))
-    return _flat(folder, shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
+    names = [part_name(name) for name in names_of([os.fsencode(path.stem) for path in files])]
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        rivals = [path.name for path, name in zip(files, names) if name == twice]
+        raise InputError(f"{folder}: {ambiguity(rivals, twice)}")
+    return _flat(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
@@ -52,7 +56,7 @@ def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
     if not parts:
         raise InputError(f"{path}: has no faces; wanted a part in each of its groups or nodes")
     ids = distinct_names(name for name, _ in parts)
-    return _flat(path, shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True)))
+    return _flat(shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True)))
 
 
 def _natural(path: Path) -> tuple[list[str | int], str]:
@@ -60,10 +64,8 @@ def _natural(path: Path) -> tuple[list[str | int], str]:
     return [int(piece) if piece.isdecimal() else piece for piece in re.split(r"(\d+)", path.stem)], path.name
 
 
-def _flat(source: Path, shape_id: str, split: str, named: list[tuple[str, Mesh]]) -> RawShape:
+def _flat(shape_id: str, split: str, named: list[tuple[str, Mesh]]) -> RawShape:
     names = tuple(name for name, _ in named)
-    if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise InputError(f"{source}: two parts are called {twice[0]!r}; rename one")
     labels = tuple(map(_label, names))
     parts = tuple(RawPart(name, label, mesh) for (name, mesh), label in zip(named, labels))
     return RawShape(shape_id, split, parts, PartHierarchy.flat(names, labels, ""))

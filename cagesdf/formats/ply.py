@@ -72,7 +72,7 @@ class _Rows(ABC):
 
     @abstractmethod
     def table(self, element: _Element, columns: list[int]) -> Float[ndarray, "r p"]:
-        """Some columns of an element without lists."""
+        """Values of these columns, all rows of an element without lists."""
 
     def alike(self, element: _Element) -> Shaped[ndarray, " r"] | None:
         """All rows of an element at once, a field for each property, if they are of one size; otherwise None."""
@@ -92,11 +92,11 @@ class _Rows(ABC):
 
     @abstractmethod
     def end(self) -> None:
-        """Check that nothing is left of the row."""
+        """Check that the row has no further values."""
 
     @abstractmethod
     def close(self) -> None:
-        """Check that nothing is left of the file."""
+        """Check that the file has no further rows."""
 
 
 def read_ply(path: Path) -> Mesh:
@@ -274,7 +274,7 @@ class _Binary(_Rows):
         self._pass(count * int(kind[1]))
 
     def end(self) -> None:
-        """Nothing is left: a row ends where its last value does."""
+        """A binary row ends with its last value: there is nothing to check."""
 
     def close(self) -> None:
         if rest := len(self._content) - self._at:
@@ -283,7 +283,7 @@ class _Binary(_Rows):
             )
 
     def _pass(self, size: int) -> int:
-        """Go on by some bytes that must be there; returns where they begin."""
+        """Advance by `size` bytes, which must exist; returns where they begin."""
         if size > len(self._content) - self._at:
             raise InputError(
                 f"{self._path}: {self._place} takes {size:,} bytes from byte {self._at:,}, but the file has "

@@ -23,7 +23,7 @@ MAX_CORNERS = 10_000  # of a polygon that isn't convex: its triangulation takes 
 MAX_COORDINATE = 1e100  # beyond it, squares and products leave the range of float64
 STARTS = 4  # corners from which a fan is tried
 UNCERTAIN = (3 + 16 * 2.0**-53) * 2.0**-53  # times both products' sizes: error of the orientation of three points
-TOUCHING = 1e-6  # area that may be covered twice, in squared extents of the polygon: what float32 makes of a touch
+TOUCHING = 1e-6  # area that may be covered twice, in squared extents of the polygon: float32's error at a touch
 CROSSING = 0.01  # share of a mesh's area that outlines which cross themselves may cover wrongly
 SKEW = 1e-3  # volume of a quad's corners, in cubed extents, from which it lies in no plane
 
@@ -166,7 +166,7 @@ def _clipped(
     """The triangles of one polygon, which may be concave or degenerate, and how much of their area is wrong."""
     extent = float(np.ptp(points, axis=0).max())
     triangles = manifold3d.triangulate([_unit(plane)], 0.0, False)
-    if area <= TOUCHING * extent**2:  # of any plane, none shows it
+    if area <= TOUCHING * extent**2:  # in no projection does it have an area
         wrong = float(np.linalg.norm(_area_vectors(points[triangles]), axis=1).sum())
     else:
         wrong = _wrong_area(plane, triangles) * area

@@ -6,17 +6,17 @@ from pathlib import Path
 
 from cagesdf.alignment import Candidate, align
 from cagesdf.errors import InputError
-from cagesdf.formats.splits import TRAIN, VAL
+from cagesdf.formats.splits import MAX_BYTES, TRAIN, VAL
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program
+from cagesdf.text import read_text
 
 SUFFIX = "_programs"
 
 # A published folder holds train.txt and val.txt beside its programs, or within: an id on each line.
-IDS = re.compile(rb"[\r\n]*[\w.@-][\w.@\r\n-]*")
-HEAD = 65_536  # bytes by which a list of ids is known
+IDS = re.compile(r"[\r\n]*[\w.@-][\w.@\r\n-]*")
 
 
 def read_assembly(
@@ -24,7 +24,7 @@ def read_assembly(
 ) -> RawShape:
     """One shape whose parts are the leaves of its program; each has all meshes that `align` gives to it.
 
-    `candidates` and the raw `meshes`, by name, are what the shape's own files hold. Raises
+    `candidates` and the raw `meshes`, by name, come from the shape's own files. Raises
     InputError, ProgramError among them, if the program is broken, doesn't execute, or has a leaf
     that no mesh belongs to.
     """
@@ -41,27 +41,29 @@ def read_assembly(
 
 
 def list_programs(paths: Iterable[Path]) -> list[Path]:
-    """The files given, and below each folder all .txt files, sorted, but lists of ids such as train.txt.
+    """The files given, and all .txt files below each folder, sorted; lists of ids such as train.txt are left out.
 
     Raises InputError for a path that isn't there and a folder without programs.
     """
-    found: list[Path] = []
+    programs: list[Path] = []
     for path in paths:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder; wanted ShapeAssembly programs")
         if path.is_file():
-            found.append(path)
+            programs.append(path)
             continue
         files = (file for file in sorted(path.rglob("*.txt")) if file.is_file() and not file.name.startswith("."))
         inside = [file for file in files if not _is_list(file)]
         if not inside:
             raise InputError(f"{path}: no programs in it; wanted .txt files that begin with Assembly NAME {{")
-        found += inside
-    return found
+        programs += inside
+    return programs
 
 
 def _is_list(file: Path) -> bool:
     if file.name.casefold() in (TRAIN, VAL):
         return True
-    with file.open("rb") as content:
-        return IDS.fullmatch(content.read(HEAD)) is not None
+    try:
+        return IDS.fullmatch(read_text(file, MAX_BYTES)) is not None
+    except InputError:  # reading it as a program says so
+        return False

@@ -13,15 +13,14 @@ With a train list, the shapes that it doesn't name are held out, since they may 
 of the val list are held out; without lists, none. A shape in both lists is held out, which is noted.
 """
 
-import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from cagesdf.errors import InputError
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
+from cagesdf.text import read_text
 
 TRAIN, VAL = "train.txt", "val.txt"
 MAX_BYTES = 16 * 2**20
@@ -49,7 +48,7 @@ def several(names: Iterable[str]) -> str:
 
 
 def read_list(files: Sequence[Path], known: Set[str]) -> IdList:
-    """The ids in some files; `known` are the ids of all shapes that there are.
+    """The ids in the files; `known` are the ids of all shapes that there are.
 
     Raises InputError naming a file that can't be read, is no text, or has more than MAX_BYTES bytes.
     """
@@ -57,7 +56,9 @@ def read_list(files: Sequence[Path], known: Set[str]) -> IdList:
     unknown = []
     alike = {_letters(shape_id): shape_id for shape_id in sorted(known)}
     for file in files:
-        for number, line in enumerate(re.split(r"\r\n|\r|\n", _text(file)), start=1):
+        # Joined files have byte order marks inside too.
+        text = composed(read_text(file, MAX_BYTES).replace("\ufeff", ""))
+        for number, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
             place = f"{file.name} line {number}"
             shape_id = next((name for name in _spellings(line) if name in known), None)
             if shape_id is not None:
@@ -70,7 +71,7 @@ def read_list(files: Sequence[Path], known: Set[str]) -> IdList:
 def splits(
     shapes: Sequence[str], known: Set[str], train: Sequence[Path], val: Sequence[Path]
 ) -> tuple[dict[str, str], list[str]]:
-    """ "train" or "val" for each of `shapes`, and notes on what the lists leave open.
+    """ "train" or "val" for each of `shapes`, and notes on contradictions and gaps of the lists.
 
     `known` are the ids of all shapes that there are, a superset of `shapes`. No file in `train` or `val` means
     that there is no such list. Raises InputError as `read_list` does.
@@ -119,19 +120,3 @@ def _hint(line: str, known: Set[str], alike: Mapping[str, str]) -> str:
         return f": {len(words)} ids, wanted one a line"
     near = alike.get(_letters(line))
     return f": there is {near!r}" if near else ""
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: has {path.stat().st_size:,} bytes; wanted an id a line, at most {MAX_BYTES:,}")
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: can't be read ({error.strerror}); wanted an id a line") from error
-    encoding = json.detect_encoding(content)
-    try:
-        # The mark is also found inside, where files were joined.
-        return composed(content.decode(encoding).replace("\ufeff", ""))
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{path}, line {line}: is no {encoding} text; save the list as UTF-8") from error

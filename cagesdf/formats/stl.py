@@ -18,7 +18,7 @@ from cagesdf.text import encoding_of
 
 HEADER = 80  # bytes before a binary file's number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-PROBE = 1024  # bytes in which a binary file that begins like text has one of 0
+PROBE = 1024  # bytes within which a binary file that begins like text has a zero
 
 NUMBER = rb"\s+(\S+)"
 STEPS = (
@@ -114,7 +114,7 @@ def _solids(path: Path, text: bytes) -> Iterator[tuple[bytes, Mesh]]:
 
 
 def _no_number(path: Path, text: bytes, facet: re.Match[bytes]) -> InputError:
-    """The error for the coordinate of a facet that is none."""
+    """The error for a facet's coordinate that is no number."""
     for group in range(4, 13):
         try:
             numbers([facet[group]])
@@ -124,7 +124,7 @@ def _no_number(path: Path, text: bytes, facet: re.Match[bytes]) -> InputError:
 
 
 def _broken(path: Path, text: bytes, position: int, begin: re.Match[bytes]) -> InputError:
-    """The error for what is no facet: what of it was read, and where it isn't as it must be."""
+    """The error for a broken facet: the place where it deviates, and the text wanted there."""
     wanted = STEPS[0][0]
     for wanted, pattern in STEPS:  # noqa: B007
         step = re.compile(rb"\s*" + pattern + rb"(?!\S)", re.IGNORECASE).match(text, position)

@@ -6,6 +6,7 @@ from typing import Any
 
 from cagesdf.errors import InputError
 from cagesdf.structure.hierarchy import PartHierarchy
+from cagesdf.text import read_text
 
 SUFFIX = "_hier"
 MAX_BYTES = 16 * 2**20  # of a JSON file; lists of its size still fit into memory
@@ -23,16 +24,11 @@ def read_hierarchy(path: Path) -> PartHierarchy:
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file in UTF-8, UTF-16 or UTF-32, with a byte order mark or without.
+    """A JSON file in any encoding that `text.read_text` knows.
 
     Raises InputError naming it if it is missing, broken, larger than MAX_BYTES, or has strings that are no text.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: has {path.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: can't be read ({error.strerror}); download it again") from error
+    text = read_text(path, MAX_BYTES)
     try:
         content = json.loads(text)
         # Half of a surrogate pair can be written as JSON, but not be stored as text.

@@ -55,7 +55,7 @@ def _clouds(keys: list[dict[str, str]], points: Float[ndarray, "n p 3"], name: s
 
 
 def cloud_array(column: pa.ChunkedArray, path: Path) -> Float[ndarray, "n p 3"]:
-    """A column of points as one array, float32. Raises InputError if its rows aren't equally many points."""
+    """A column of points as one array, float32. Raises InputError if its rows differ in their numbers of points."""
     lengths = {len(item) for item in column}
     if len(lengths) > 1 or any(length % 3 for length in lengths):
         raise InputError(f"{path}: wanted as many points of three numbers in each row, got {sorted(lengths)} numbers")

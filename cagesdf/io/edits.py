@@ -1,4 +1,4 @@
-"""`edits/`: what the arms made of the trials.
+"""`edits/`: the arms' results in the trials.
 
 edits.parquet     one row an arm and trial
 surfaces.parquet  the surfaces of swaps, a row group each

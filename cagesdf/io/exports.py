@@ -29,7 +29,7 @@ from cagesdf.io.meshes import write_ply
 from cagesdf.meshes import Mesh, compact, face_normals, join
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-# glTF's numbers for what they are called here.
+# glTF's numbers of component types and of buffer targets.
 FLOAT, UNSIGNED = 5126, 5125
 VERTICES, INDICES = 34962, 34963
 
@@ -37,7 +37,7 @@ VERTICES, INDICES = 34962, 34963
 # changes volumes by less than 1e-5 (docs/editing.md); at 1,000 times it makes edges where four faces meet.
 FAR = 64
 FARTHEST = 2.0**36  # longest sides from the origin: there float64 is as exact as float32 at FAR
-SMALLEST, LARGEST = 1e-30, 1e30  # longest sides, user's unit: what float32 has squares of
+SMALLEST, LARGEST = 1e-30, 1e30  # longest sides, user's unit, whose squares float32 holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Model:
         return Model(place.stored(mesh), held, boxes, place.origin)
 
 
-# What is written: meshes by name, in scenes by name, the one that is shown first.
+# The meshes of a file by name, in scenes by name; the first scene is the one that viewers show.
 Scenes = Mapping[str, Mapping[str, Mesh]]
 
 
@@ -70,12 +70,12 @@ Scenes = Mapping[str, Mapping[str, Mesh]]
 class Place:
     """Where and how finely the vertices of a shape are stored."""
 
-    origin: Float[ndarray, " 3"]  # that they are given from, the mesh's own frame
-    step: float  # between the numbers that they may have, mesh units; 0: float32's
+    origin: Float[ndarray, " 3"]  # of the stored vertices, in the mesh's own frame
+    step: float  # between possible coordinates, mesh units; 0: float32's
 
     @staticmethod
     def of(mesh: Mesh) -> "Place":
-        """For a mesh, and for whatever lies beside it. Raises InputError as `as_stored`."""
+        """The place for a mesh, and for meshes beside it. Raises InputError as `as_stored`."""
         if not len(mesh.faces):
             return Place(np.zeros(3), 0.0)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

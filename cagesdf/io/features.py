@@ -45,7 +45,7 @@ class Features:
     widths: tuple[int, ...]  # of the points' layers; the last is the number of features
     hidden: int  # units of the classifier
     classes: tuple[str, ...]  # in the order of the logits: a category, or <category>/<family>
-    points: int  # of each cloud, that it is to be given
+    points: int  # of each cloud in its input
 
     def category(self, number: int) -> str:
         """The category of a class."""
@@ -57,7 +57,7 @@ class Features:
         return {self.category(number) for number in range(len(self.classes))}
 
     def taken(self, points: Float[ndarray, "n p 3"]) -> Float[ndarray, "n q 3"]:
-        """As many points of each cloud as the classifier is to be given. Raises InputError if there are fewer."""
+        """The first `points` points of each cloud, the classifier's input. Raises InputError if there are fewer."""
         if points.shape[1] < self.points:
             raise InputError(f"features: wanted clouds of at least {self.points} points, got {points.shape[1]}")
         return points[:, : self.points]
@@ -80,7 +80,7 @@ def write_features(folder: Path, features: Features, accuracy: Mapping[str, Any]
 
 
 def read_accuracy(folder: Path) -> dict[str, Any]:
-    """What `write_features` was told of the classifier's accuracy. Raises InputError for a missing or damaged file."""
+    """The classifier's accuracy as `write_features` stored it. Raises InputError for a missing or damaged file."""
     return read_description(folder / "accuracy.json")
 
 

@@ -1,4 +1,4 @@
-"""What `cagesdf fit` writes: a shape that was not trained on, as a network has it.
+"""Files of `cagesdf fit`: a shape outside the training set, as a network represents it.
 
 cuboids.parquet, programs.parquet   as fit_cuboids writes them, for one shape
 latent.safetensors                  latent (d); residual (p, k): what is added to the code of each part

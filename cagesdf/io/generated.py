@@ -1,4 +1,4 @@
-"""`generated/<arm>/`: new shapes that a trained arm made, some by each method of drawing codes.
+"""`generated/<arm>/`: new shapes of a trained arm by each method of drawing codes.
 
 index.parquet     one row a shape: what it was made from, and what was checked
 surfaces.parquet  its surface, a row group each, in the index's order
@@ -75,7 +75,7 @@ POINTS = Layout(
 
 @dataclass(frozen=True, eq=False)
 class GeneratedShape:
-    """One new shape."""
+    """A shape made by a generator."""
 
     method: str  # how its code was drawn
     shape_id: str  # unique in its method
@@ -88,16 +88,16 @@ class GeneratedShape:
     effective: float  # number of kernels that its code could be from
     status: str  # OK, EMPTY, or BROKEN and why
     mesh: Mesh  # canonical; closed, or without faces
-    components: int  # pieces of it that hang together
-    clipped: float  # share of the vertices where the cage cut off what the network wanted
-    asked: int  # points given to the network
+    components: int  # connected components
+    clipped: float  # share of the vertices where the cage cut the network's surface off
+    asked: int  # points at which the network was evaluated
     rooted: bool  # as `stability` has it; False without cuboids
     stable: bool
     points: Float32[ndarray, "n 3"]  # on the surface, canonical; none where there is no surface
     parts: Mapping[str, Mesh]  # closed, whose union the mesh is; not written
 
     def row(self) -> dict[str, Any]:
-        """Of the index."""
+        """The shape's row of the index."""
         return {
             "method": self.method,
             "shape_id": self.shape_id,
@@ -122,7 +122,7 @@ class GeneratedShape:
 
 
 def write_generated(folder: Path, shapes: Iterable[GeneratedShape], about: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Write shapes as they come, in that order; `about` is what holds for all of them, for JSON. Returns the index."""
+    """Write shapes as they come, in that order; `about` holds facts about all of them, for JSON. Returns the index."""
     rows: list[dict[str, Any]] = []
     with (
         pq.ParquetWriter(folder / "surfaces.parquet", SURFACES.schema(), **COMPRESSION) as surfaces,
@@ -154,13 +154,13 @@ class GeneratedFolder:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What holds for all shapes."""
+        """Facts about all shapes together, such as the methods of the draw."""
         path = self.folder / "index.parquet"
         return read_block(INDEX.open(path).schema_arrow, path)["about"]
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The methods that codes were drawn by, those that no shape came of last."""
+        """The methods by which codes were drawn; those without a shape come last."""
         return tuple(dict.fromkeys([*(method for method, _ in self.rows), *self.about.get("methods", ())]))
 
     def cage(self, method: str, shape_id: str) -> Cage:
@@ -184,17 +184,17 @@ class GeneratedFolder:
         """
         path = self.folder / "points.parquet"
         table = POINTS.open(path).read()
-        columns = (table[name] for name in ("method", "shape_id", "points"))
-        found = {
+        columns = (table[column] for column in ("method", "shape_id", "points"))
+        by_id = {
             str(shape_id): points.values.to_numpy().reshape(-1, 3)
-            for own, shape_id, points in zip(*columns)
-            if str(own) == method
+            for name, shape_id, points in zip(*columns)
+            if str(name) == method
         }
         ids = self.ids(method)
-        if found.keys() != {*ids}:
-            odd = min(found.keys() ^ {*ids})
+        if by_id.keys() != {*ids}:
+            odd = min(by_id.keys() ^ {*ids})
             raise InputError(f"{path}: shape {odd!r} of method {method!r} is in it or in index.parquet, wanted in both")
-        return {shape_id: found[shape_id] for shape_id in ids}
+        return {shape_id: by_id[shape_id] for shape_id in ids}
 
     def surface(self, method: str, shape_id: str) -> Mesh:
         """The surface of one shape, without faces where it has none. Raises InputError if there is no such shape."""

@@ -73,5 +73,5 @@ def read_generation(folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]
 
 
 def read_nearest(folder: Path) -> list[dict[str, Any]]:
-    """Which training shape each generated shape is nearest to, sorted by arm, method and id."""
+    """The nearest training shape of each generated one, sorted by arm, method and id."""
     return NEAREST.read(folder / "nearest.parquet")

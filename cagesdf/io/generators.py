@@ -43,7 +43,7 @@ KIND = "programs"
 VERSION = 1
 GENERATOR, WEIGHTS, LOG, SHAPES = "generator.json", "weights.safetensors", "log.jsonl", "known.parquet"
 MANIFEST = "manifest.json"  # of the whole folder, where a stage wrote it: it has each file's digest
-PROPER = 1e-6  # that a known cuboid's axes may differ by from a rotation, and its numbers from those of its program
+PROPER = 1e-6  # tolerance of a known cuboid's axes as a rotation, and of its numbers against its program's
 KNOWN = Layout(
     "known_structures",
     1,
@@ -59,14 +59,14 @@ KNOWN = Layout(
 
 @dataclass(frozen=True, eq=False)
 class TrainedGenerator:
-    """A generator and what it was trained on."""
+    """A generator and its training shapes."""
 
     generator: Generator
     structures: Mapping[str, Structure]  # by shape id
     cages: Mapping[str, Cage]  # by shape id, canonical
 
     def known(self) -> Known:
-        """What samples are compared with."""
+        """The training shapes, which samples are compared with."""
         return Known(self.structures, self.cages)
 
 

@@ -45,7 +45,7 @@ HEADER = (
     "element vertex {vertices}\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\n"
     "element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
 )
-# PLY's words for the numbers of positions.
+# PLY's names of the number types of positions.
 KINDS: dict[str, np.dtype[Any]] = {"float": np.dtype("<f4"), "double": np.dtype("<f8")}
 FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
@@ -58,12 +58,12 @@ class Surface:
     step: int  # of its sequence
     held_out: bool  # the step was kept from training
     mesh: Mesh  # canonical; closed, or without faces
-    clipped: float  # share of the vertices where the cage cut off what the network wanted
-    asked: int  # points given to the network
+    clipped: float  # share of the vertices where the cage cut the network's surface off
+    asked: int  # points at which the network was evaluated
     similarity: Similarity  # raw → canonical
-    components: int = 1  # pieces that hang together
-    dropped: int = 0  # further pieces that were left out
-    overshoot: float = 0.0  # how far it leaves the cuboids, in cells
+    components: int = 1  # connected components
+    dropped: int = 0  # further components that were left out
+    overshoot: float = 0.0  # distance by which it leaves the cuboids, in cells
 
     def in_raw(self) -> Mesh:
         """The mesh in the frame and unit of the user's files."""

@@ -1,4 +1,4 @@
-"""Parquet tables that say what they hold.
+"""Parquet tables that describe their contents.
 
 Every table carries a JSON block under the key `cagesdf` in its schema: kind, version, facts
 such as frame and sign, and the meaning of each column. Readers refuse what they don't
@@ -32,7 +32,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Layout:
-    """The columns of one kind of table, and what holds for all its rows."""
+    """The columns of one kind of table, and facts about all its rows."""
 
     kind: str
     version: int
@@ -109,12 +109,12 @@ class TableFile(pq.ParquetFile):
             super().__init__(path, page_checksum_verification=True)
 
     def read(self, *args: Any, **options: Any) -> pa.Table:
-        """As ParquetFile's."""
+        """The same as ParquetFile's method."""
         with self._readable():
             return super().read(*args, **options)
 
     def read_row_group(self, *args: Any, **options: Any) -> pa.Table:
-        """As ParquetFile's."""
+        """The same as ParquetFile's method."""
         with self._readable():
             return super().read_row_group(*args, **options)
 

@@ -108,7 +108,7 @@ def join_chunks(pieces: Iterable[PointChunks]) -> PointChunks:
 
 
 def shard_path(folder: Path, of: PointsOf, number: int) -> Path:
-    """Where a shard belongs."""
+    """The path of a shard."""
     return folder / f"{of}-{number:04d}.parquet"
 
 
@@ -131,13 +131,13 @@ def _gathered(pieces: Sequence[PointChunks], ends: Int[ndarray, " p"], order: In
     """The chunks at these positions of all pieces in a row, without joining those."""
     owner = np.searchsorted(ends, order, side="right")
     by_owner = np.argsort(owner, kind="stable")
-    found = []
+    selected = []
     for piece in np.unique(owner).tolist():
         chunks = pieces[piece].take(order[by_owner][owner[by_owner] == piece] - (ends[piece] - len(pieces[piece])))
         used, shape = np.unique(chunks.shape_id, return_inverse=True)
         names = tuple(chunks.shape_ids[i] for i in used.tolist())
-        found.append(replace(chunks, shape_id=shape.astype(np.int32), shape_ids=names))
-    return join_chunks(found).take(np.argsort(by_owner))
+        selected.append(replace(chunks, shape_id=shape.astype(np.int32), shape_ids=names))
+    return join_chunks(selected).take(np.argsort(by_owner))
 
 
 def _table(chunks: PointChunks, schema: pa.Schema) -> pa.Table:
@@ -179,7 +179,7 @@ def count_groups(path: Path) -> int:
 
 
 def read_groups(path: Path, groups: Sequence[int]) -> PointChunks:
-    """Some row groups of one shard, in memory."""
+    """Row groups of one shard by their numbers, in memory."""
     with POINTS.open(path) as file:
         return join_chunks(_chunks(file.read_row_group(i), path) for i in groups)
 

@@ -1,4 +1,4 @@
-"""`progress/`: how far arms were as they trained, one row a (arm, snapshot, shape)."""
+"""`progress/`: the quality of arms along their training, one row per (arm, snapshot, shape)."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`runs/<arm>/`: a trained arm, with all that is needed to make shapes with it.
+"""`runs/<arm>/`: a trained arm with everything needed to make shapes.
 
 weights.safetensors   the decoder's weights, float32
 latents.parquet       one row a latent
@@ -7,7 +7,7 @@ shapes.parquet        structures and similarities
 arm.json              the arm's parameters, and how many points it was trained on
 log.jsonl             the course of the training
 residuals.parquet     how well it fits each shape at rest (io/residuals.py)
-snapshots/            <steps>.safetensors: weights and latents after so many steps
+snapshots/            <steps>.safetensors: weights and latents after that number of steps
 """
 
 import json
@@ -131,7 +131,7 @@ def write_run(folder: Path, run: Run, log: list[dict[str, int | float]]) -> None
 
 
 def write_snapshot(folder: Path, steps: int, tensors: Mapping[str, Tensor]) -> None:
-    """Add to a run what it was after so many steps; tensors are named as `training.loop` names them."""
+    """Add a run's state after a number of steps; tensors are named as `training.loop` names them."""
     path = folder / SNAPSHOTS / f"{steps:08d}.safetensors"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(save({name: tensor.cpu().contiguous() for name, tensor in tensors.items()}))
@@ -169,12 +169,12 @@ def read_run(folder: Path, device: torch.device | str = "cpu") -> Run:
 
 
 def snapshots_of(folder: Path) -> tuple[int, ...]:
-    """After how many steps a run has snapshots, ascending."""
+    """The numbers of steps after which a run has snapshots, ascending."""
     return tuple(sorted(int(path.stem) for path in (folder / SNAPSHOTS).glob("*.safetensors")))
 
 
 def read_snapshot(folder: Path, steps: int, device: torch.device | str = "cpu") -> Run:
-    """A run as it was after so many steps. Raises InputError as `read_run` does."""
+    """A run as it was after a number of steps. Raises InputError as `read_run` does."""
     run = read_run(folder, device)
     decoder = _planned_decoder(folder / "arm.json", run.params)
     sizes = {f"decoder.{name}": size for name, size in sizes_of(decoder).items()}
@@ -242,10 +242,10 @@ def _read_latents(path: Path, dim: int, sequences: Mapping[str, Sequence]) -> La
 
 
 def _by_id(rows: list[dict[str, Any]], path: Path) -> dict[str, dict[str, Any]]:
-    found = {row["shape_id"]: row for row in rows}
-    if len(found) < len(rows):
-        raise InputError(f"{path}: has {len(rows)} rows of {len(found)} shapes, wanted one of each")
-    return found
+    by_id = {row["shape_id"]: row for row in rows}
+    if len(by_id) < len(rows):
+        raise InputError(f"{path}: has {len(rows)} rows of {len(by_id)} shapes, wanted one of each")
+    return by_id
 
 
 def _checked_cages(rows: list[dict[str, Any]], path: Path) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ SEQUENCES = Layout(
     ),
     {"frame": "canonical"},
 )
-CAGES = Layout("cages", 1, SEQUENCES.columns[:-1], SEQUENCES.facts)  # what a run keeps of them
+CAGES = Layout("cages", 1, SEQUENCES.columns[:-1], SEQUENCES.facts)  # the columns that a run stores
 
 
 def write_sequences(folder: Path, sequences: Iterable[Sequence], outside: Mapping[str, np.ndarray]) -> None:

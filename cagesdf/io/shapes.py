@@ -139,11 +139,11 @@ class ShapeFolder:
 
     @cached_property
     def _alignments(self) -> dict[str, tuple[AlignedPart, ...]]:
-        found: dict[str, tuple[AlignedPart, ...]] = {}
+        by_shape: dict[str, tuple[AlignedPart, ...]] = {}
         for row in ALIGNMENT.read(self.folder / "alignment.parquet"):
             shape_id, objs, leftovers = row.pop("shape_id"), tuple(row.pop("objs")), tuple(row.pop("leftovers"))
-            found[shape_id] = (*found.get(shape_id, ()), AlignedPart(**row, objs=objs, leftovers=leftovers))
-        return found
+            by_shape[shape_id] = (*by_shape.get(shape_id, ()), AlignedPart(**row, objs=objs, leftovers=leftovers))
+        return by_shape
 
     def __getstate__(self) -> dict[str, Any]:
         return {"folder": self.folder}
@@ -162,7 +162,7 @@ class ShapeFolder:
         return read_structure(self._row(shape_id)["structure"])
 
     def alignment(self, shape_id: str) -> tuple[AlignedPart, ...]:
-        """What the leaves of a shape's program were matched to, without reading meshes; empty without a program."""
+        """Parts matched to the leaves of a shape's program, without reading meshes; empty without a program."""
         return self._alignments.get(shape_id, ())
 
     def similarity(self, shape_id: str) -> Similarity:

@@ -11,9 +11,9 @@ from cagesdf.errors import InputError
 from cagesdf.io.points import read_shard
 
 THICKNESS = 0.06  # canonical units: points at most half of it from the plane are shown
-LIMIT = 0.08  # canonical units: colours say no more beyond
-MARGIN = 0.15  # canonical units around what is inside
-# Warm inside, cold outside, and no pale middle: the surface is where they meet.
+LIMIT = 0.08  # canonical units: the end of the colour scale
+MARGIN = 0.15  # canonical units around the points inside
+# Warm inside, cold outside, without a pale middle: the surface is their boundary.
 INSIDE, OUTSIDE = ("#5c0a1e", "#c43b3f", "#f6b08c"), ("#a5d0e4", "#3f8fc4", "#0b2f5e")
 AXES = "xyz"
 INK = "#3b4049"
@@ -28,7 +28,7 @@ class Slice:
     axis: int  # across the plane
     at: float  # of the plane, along that axis
     places: Float[ndarray, "n 2"]  # along the other two axes, canonical
-    middle: Float[ndarray, " 2"]  # of what is inside, along these
+    middle: Float[ndarray, " 2"]  # of the points inside, along these axes
     width: float  # of a square that shows it all, canonical units
     sdf: Float[ndarray, " n"]  # canonical units, negative inside
 
@@ -39,17 +39,17 @@ def middle_slice(shard: Path) -> Slice:
     Planes across each axis go through the middle of the points inside. Raises InputError for a shard without points.
     """
     first: tuple[str, int] | None = None
-    found: list[tuple[ndarray, ndarray]] = []
+    pieces: list[tuple[ndarray, ndarray]] = []
     for chunks in read_shard(shard):
         names = [(chunks.shape_ids[shape], step) for shape, step in zip(chunks.shape_id.tolist(), chunks.step.tolist())]
         least = min(names)
         if first is None or least < first:
-            first, found = least, []
-        own = np.flatnonzero([name == first for name in names])
-        found.append((chunks.xyz[own].reshape(-1, 3), chunks.sdf[own].reshape(-1)))
+            first, pieces = least, []
+        rows = np.flatnonzero([name == first for name in names])
+        pieces.append((chunks.xyz[rows].reshape(-1, 3), chunks.sdf[rows].reshape(-1)))
     if first is None:
         raise InputError(f"{shard}: holds no points to draw")
-    xyz, sdf = (np.concatenate(column).astype(np.float64) for column in zip(*found))
+    xyz, sdf = (np.concatenate(column).astype(np.float64) for column in zip(*pieces))
     inside = xyz[sdf < 0] if (sdf < 0).any() else xyz
     middle = (inside.min(axis=0) + inside.max(axis=0)) / 2
     near = np.abs(xyz - middle) <= THICKNESS / 2
@@ -65,7 +65,7 @@ def _across(axis: int) -> tuple[int, int]:
     return ((2, 1), (0, 2), (0, 1))[axis]
 
 
-def draw_slice(found: Slice, out: Path) -> None:
+def draw_slice(section: Slice, out: Path) -> None:
     """Write the slice as a PNG: red inside, blue outside."""
     import matplotlib
 
@@ -73,22 +73,22 @@ def draw_slice(found: Slice, out: Path) -> None:
     from matplotlib import pyplot as plt
     from matplotlib.colors import LinearSegmentedColormap
 
-    across, up = _across(found.axis)
+    across, up = _across(section.axis)
     colours = LinearSegmentedColormap.from_list("sdf", list(zip((0, 0.25, 0.5, 0.5, 0.75, 1), INSIDE + OUTSIDE)))
     with plt.rc_context({"font.size": 10, "text.color": INK, "axes.edgecolor": "#c3c7ce", "axes.labelcolor": INK}):
         figure, axes = plt.subplots(figsize=(7.4, 6.3), layout="constrained")
-        # Those nearest the surface last: they are what one looks for.
-        order = np.argsort(-np.abs(found.sdf))
-        x, y = found.places[order].T
+        # Points nearest the surface are drawn last, on top of the others.
+        order = np.argsort(-np.abs(section.sdf))
+        x, y = section.places[order].T
         dots = axes.scatter(
-            x, y, _dot(len(order)), found.sdf[order], cmap=colours, vmin=-LIMIT, vmax=LIMIT, linewidths=0
+            x, y, _dot(len(order)), section.sdf[order], cmap=colours, vmin=-LIMIT, vmax=LIMIT, linewidths=0
         )
-        (left, bottom), half = found.middle, found.width / 2
+        (left, bottom), half = section.middle, section.width / 2
         axes.set(xlim=(left - half, left + half), ylim=(bottom - half, bottom + half), aspect="equal")
         axes.set(xlabel=f"{AXES[across]}, canonical units", ylabel=f"{AXES[up]}, canonical units")
         axes.tick_params(color="#c3c7ce", labelcolor=INK, length=3)
-        axes.set_title(f"{found.shape_id}, step {found.step}", loc="left", fontsize=13, fontweight="bold", pad=10)
-        place = f"{AXES[found.axis]} = {found.at:.2f} ± {THICKNESS / 2:g}"
+        axes.set_title(f"{section.shape_id}, step {section.step}", loc="left", fontsize=13, fontweight="bold", pad=10)
+        place = f"{AXES[section.axis]} = {section.at:.2f} ± {THICKNESS / 2:g}"
         axes.set_title(f"{len(order):,} points, {place}", loc="right", fontsize=10, pad=10)
         bar = figure.colorbar(dots, ax=axes, extend="both", shrink=0.9, pad=0.02)
         bar.set_label("signed distance, canonical units; negative inside")

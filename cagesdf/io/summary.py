@@ -1,4 +1,4 @@
-"""What a table holds, as text for people: schema, counts, ranges and a few rows."""
+"""The contents of a table as text for people: schema, counts, ranges and a few rows."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ def _type(kind: pa.DataType) -> str:
 
 
 def _range(column: pa.ChunkedArray) -> str:
-    """Lowest and highest number, or how many different texts there are."""
+    """Lowest and highest number, or the number of different texts."""
     if len(column) == 0:
         return "empty"
     if pa.types.is_list(column.type):
@@ -142,11 +142,11 @@ class _Totals:
         self.low, self.high = np.minimum(self.low, values.min(axis=0)), np.maximum(self.high, values.max(axis=0))
 
     def by(self, *fields: int) -> Counter[tuple[str | int, ...]]:
-        """Points by some of shape (0), step (1) and part (2)."""
-        found: Counter[tuple[str | int, ...]] = Counter()
+        """Numbers of points by these fields of shape (0), step (1) and part (2)."""
+        counts: Counter[tuple[str | int, ...]] = Counter()
         for key, count in self.cuboids.items():
-            found[tuple(key[field] for field in fields)] += count
-        return found
+            counts[tuple(key[field] for field in fields)] += count
+        return counts
 
 
 def _summarise_points(paths: Sequence[Path]) -> str:
@@ -168,7 +168,7 @@ def _summarise_points(paths: Sequence[Path]) -> str:
 
 
 def _of_points(totals: _Totals, rows: int) -> list[str]:
-    """How many points are inside, near the surface, and of each shape, step and cuboid."""
+    """Numbers of points inside, near the surface, and per shape, step and cuboid."""
     near = totals.near / rows
     return [
         f"inside     {totals.inside / rows:.1%} of the points; {totals.close / rows:.1%} are nearer than {CLOSE} "

@@ -69,7 +69,7 @@ class TrialFolder:
 
     @cached_property
     def rows(self) -> dict[str, dict[str, Any]]:
-        """What a trial is by its id, sorted."""
+        """The description of each trial by its id, sorted."""
         return {row["trial_id"]: row for row in self._file.read(columns=list(NAMES)).to_pylist()}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class TrialFolder:
         return read_block(self._file.schema_arrow, self.folder)["definitions"]
 
     def counts(self) -> dict[str, int]:
-        """How many trials there are of each kind, and how many were left out because a cuboid was too thin."""
+        """Numbers of trials of each kind, and of those left out because a cuboid was too thin."""
         kinds = Counter(row["kind"] for row in self.rows.values())
         return {**kinds, "left_out": read_block(self._file.schema_arrow, self.folder)["left_out"]}
 

@@ -26,7 +26,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 def planned(make: Callable[[], Network]) -> Network:
-    """What `make` makes, on the meta device: its tensors have sizes and no memory."""
+    """The network that `make` builds, on the meta device: its tensors have sizes and no memory."""
     with torch.device("meta"):
         return make()
 
