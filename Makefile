@@ -1,4 +1,4 @@
-# make help lists the commands. Without make: README.md, "Without make".
+# make help lists the commands. Without make: docs/install.md.
 
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
@@ -40,7 +40,7 @@ ifdef PROFILE
 else
 	@$(REPRO) && echo "The report: $$PWD/data/report/index.html"
 	@git diff --quiet -- dvc.lock data/metrics 2>/dev/null || test $$? -ne 1 || \
-	echo 'dvc.lock and data/metrics hold the results of this machine now (README, "After a run").'
+	echo 'dvc.lock and data/metrics hold the results of this machine now (docs/pipeline.md, "Equal bytes").'
 endif
 
 own: .venv/installed
