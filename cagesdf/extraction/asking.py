@@ -23,7 +23,7 @@ FILLED = 0.05
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
 POSITIVE = np.float32(1)  # what is beyond the faces
 
-Ask = Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]]
+Ask = Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]  # of points of a lattice, by their indices
 Triple = tuple[int, ...]  # a number for each axis
 
 
@@ -51,7 +51,7 @@ def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
 def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
     """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
     on_face = ((places == 0) | (places == lattice.cells)).any(axis=1)
-    return ask(lattice.points(places)) - np.float32(FILLED * lattice.steps.min()) * on_face
+    return ask(places) - np.float32(FILLED * lattice.steps.min()) * on_face
 
 
 def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:

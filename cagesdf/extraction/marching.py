@@ -1,6 +1,8 @@
 """From a network's values on a cuboid's lattice to the closed solid that they bound there."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
@@ -8,7 +10,7 @@ from manifold3d import Manifold
 from numpy import ndarray
 from skimage.measure import marching_cubes
 
-from cagesdf.extraction.asking import Ask, Method
+from cagesdf.extraction.asking import Method
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.meshes import Mesh, vertex_normals
@@ -52,17 +54,13 @@ class Part:
 
 def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
     """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units."""
-
-    def ask(points: Float[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
-        return field.ask(points, cuboid)
-
     lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, fineness.least)
-    answers = method(ask, field.reach(cuboid), lattice)
+    answers = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
     asked = answers.asked
     marched = march(answers.values, lattice)
     del answers  # the largest thing in memory at 512 cells
     clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
-    mesh, drawn_by = drawn(marched, ask, lattice)
+    mesh, drawn_by = drawn(marched, partial(field.ask, cuboid=cuboid), lattice)
     del marched
     solid = as_manifold(mesh).simplify(fineness.even * float(lattice.steps.min()))
     return Part(from_manifold(solid), solid, len(mesh.vertices), clipped, asked + drawn_by)
@@ -113,7 +111,9 @@ def march(values: Float32[ndarray, "r s t"], lattice: Lattice) -> Marched:
     return Marched(places[used], renumbered[faces], slope[used], ends)
 
 
-def drawn(marched: Marched, ask: Ask, lattice: Lattice) -> tuple[Mesh, int]:
+def drawn(
+    marched: Marched, ask: Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]], lattice: Lattice
+) -> tuple[Mesh, int]:
     """The surface with its vertices drawn to the zero set, canonical, and how many points that took.
 
     One step along the surface's own normals, as long as the value there: that is a distance, or steeper than
