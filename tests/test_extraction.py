@@ -31,8 +31,9 @@ from cagesdf.extraction import (
 from cagesdf.extraction.asking import ask_densely
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, drawn, march
+from cagesdf.extraction.merging import merged
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume
+from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, topology
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.decoders import CageDecoder, Decoder
 
@@ -349,9 +350,12 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     field, lattice = field_of(decoder, LATENT, cage), Lattice.of(cage["0"], 0.2, 6)
     marched = marched_of(field, lattice)
     if len(marched.faces):
-        mesh, _ = drawn(marched, field_ask(field), lattice)
-        assert_sound(mesh)
-        assert face_areas(mesh).min() > 0
+        fewer = merged(marched, lattice)
+        for surface in (marched, fewer):
+            mesh, _ = drawn(surface, field_ask(field), lattice)
+            assert_sound(mesh)
+            assert face_areas(mesh).min() > 0
+        assert topology(mesh) == topology(Mesh(marched.places, marched.faces))
 
 
 @given(seed=st.integers(0, 10**6))

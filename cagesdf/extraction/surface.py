@@ -9,7 +9,8 @@ from manifold3d import Manifold, OpType
 from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
-from cagesdf.extraction.marching import NOTHING, USUAL, Fineness, Part, part_of
+from cagesdf.extraction.marching import NOTHING
+from cagesdf.extraction.part import USUAL, Fineness, Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
