@@ -24,7 +24,7 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
         return marched
     corners = np.ascontiguousarray(marched.faces.T)
     normals = normal_sums(marched.places * lattice.steps, corners)
-    free: Bool[ndarray, " v"] = ((marched.places > 0) & (marched.places < lattice.cells)).all(axis=1)
+    free = np.array(((marched.places > 0) & (marched.places < lattice.cells)).all(axis=1))
     owner = np.arange(count, dtype=np.int32)  # for each vertex, the one that stands for it
     for stride in STRIDES:
         members = np.flatnonzero(free)
