@@ -489,6 +489,21 @@ def test_an_edit_leaves_other_parts_as_they_are_and_asks_one_alone() -> None:
     assert 0 < other.asked < start.asked
 
 
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=5, deadline=None)
+def test_unions_that_were_kept_change_nothing(seed: int) -> None:
+    """Bit for bit, over edits of one of seven parts after another, some of them empty."""
+    rng = np.random.default_rng(seed)
+    decoder, cage = waves(seed, 1.0), random_cage(seed, 7)
+    live = LiveSurface(20, fineness=Fineness(6, 0.05))
+    for _ in range(4):
+        field = field_of(decoder, LATENT, cage)
+        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 0.05)).mesh)
+        centre = cage.centre.copy()
+        centre[rng.integers(7)] += rng.normal(size=3) * 0.2
+        cage = replace(cage, centre=centre)
+
+
 def test_an_edit_taken_back_asks_nothing() -> None:
     cage = touching()
     live = LiveSurface(32)
