@@ -1,13 +1,16 @@
 """How long an edit takes until its surface is there, as an editor makes it: operation by operation.
 
-    python benchmarks/editing.py data/runs/chair/cagesdf [--threads 2] [--edits 200] [--resolutions 96 256]
+    python benchmarks/editing.py data/runs/chair/cagesdf data/runs/table/cagesdf data/runs/vase/cagesdf [--edits 200]
 
-draws edits of every kind, ten of each shape after the other, asks cuboids in `--threads` threads, and prints a Markdown
-table: seconds from the operation to the surface on the wall, and of processor time, which counts all threads but not
-what others do on the machine. The first surface of each shape is not counted. The same edits at every resolution.
+draws edits of every kind from all runs, ten of each shape after the other, asks cuboids in `--threads` threads, and
+prints a Markdown table: milliseconds from the operation to the surface on the clock, and of processor time, which
+counts all threads but not what others do on the machine. All checks are included, the first surface of each shape is
+not. One cuboid: moved, resized or turned, with what is linked to it. A style: a swap or a blend, all cuboids anew. A
+parameter moves as many cuboids as it does. The same edits at the preview's size and at 256 cells.
 """
 
 import argparse
+import os
 import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
@@ -22,12 +25,20 @@ from cagesdf.editing.script import Blend, Move, Operation, Resize, Rotate, Set, 
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
+from cagesdf.extraction import PREVIEW, USUAL
 from cagesdf.io.runs import read_run
 from cagesdf.meshes import is_closed
 from cagesdf.training.precision import processor
+from cagesdf.viewing.worker import COARSE
 
 EDITS = 10  # of each shape
-KINDS = ("move", "resize", "rotate", "set", "swap", "blend")
+KINDS = {
+    "one cuboid": ("move", "resize", "rotate"),
+    "a style": ("swap", "blend"),
+    "a parameter": ("set",),
+}
+OPERATIONS = ("set", "move", "resize", "rotate", "swap", "blend")  # the first, of shapes that have programs
+SIZES = ((COARSE, PREVIEW), (256, USUAL))
 
 
 def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:
@@ -35,7 +46,8 @@ def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:
     part = str(rng.choice(state.cage.part_ids))
     axis = "xyz"[rng.integers(3)]
     style = str(rng.choice(sorted(session.styles)))
-    match KINDS[rng.integers(len(KINDS))]:
+    placed = state.structure.placed_program()
+    match OPERATIONS[rng.integers(placed is None, len(OPERATIONS))]:
         case "move":
             x, y, z = (rng.uniform(-0.1, 0.1, 3) / state.similarity.scale).tolist()
             return Move(part=part, by=(x, y, z))
@@ -44,7 +56,6 @@ def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:
         case "rotate":
             return Rotate(part=part, axis=axis, angle=float(rng.uniform(-20, 20)))
         case "set":
-            placed = state.structure.placed_program()
             assert placed is not None
             values = parameters(placed[0])
             name = str(rng.choice([name for name, value in values.items() if value > 0]))
@@ -71,23 +82,22 @@ def scripts(session: Session, count: int, seed: int) -> list[tuple[str, list[Ope
     return found
 
 
-def main(run: Path, threads: int, edits: int, resolutions: list[int], seed: int) -> None:
+def main(runs: list[Path], threads: int, edits: int, seed: int) -> None:
     torch.set_num_threads(1)  # a cuboid a thread: torch's own would wait for each other
     pool = ThreadPoolExecutor(threads)
-    session = Session(read_run(run))
-    todo = scripts(session, edits, seed)
-    print(f"On {processor()}.\n")
-    print("| cells | edits | | wall p50 | p95 | largest | processor p50 | p95 | asked p50 | first p50 |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for resolution in resolutions:
+    todo = []
+    for run in runs:
+        session = Session(read_run(run))
+        todo += [(session, *script) for script in scripts(session, -(-edits // len(runs)), seed)]
+    print(f"On {processor()}, {threads} for cuboids; load {os.getloadavg()[0]:.1f}.\n")
+    print("| cells | edit | edits | ms p50 | p95 | largest | processor ms p50 | p95 | asked p50 |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for resolution, fineness in SIZES:
         times: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
-        first = []
-        for shape_id, operations in todo:
+        for session, shape_id, operations in todo:
             history = History.of(session.opened(shape_id))
-            live = session.live(resolution, each=pool.map)
-            start = time.perf_counter()
+            live = session.live(resolution, each=pool.map, fineness=fineness)
             live.surface(history.present)
-            first.append(time.perf_counter() - start)
             for operation in operations:
                 wall, begun = time.perf_counter(), time.process_time()
                 history = apply(history, operation, session.styles)
@@ -95,24 +105,21 @@ def main(run: Path, threads: int, edits: int, resolutions: list[int], seed: int)
                 took = time.perf_counter() - wall, time.process_time() - begun, found.asked
                 assert is_closed(found.mesh), (shape_id, operation)
                 times[operation.op].append(took)
-                times["all"].append(took)
-        for kind in ("all", *KINDS):
-            walls, processors, asked = np.array(times[kind]).T
+        for kind, names in KINDS.items():
+            walls, processors, asked = np.array([took for name in names for took in times[name]]).T
             cells = [
-                *(f"{np.quantile(walls, q):.3f}" for q in (0.5, 0.95, 1)),
-                *(f"{np.quantile(processors, q):.3f}" for q in (0.5, 0.95)),
+                *(f"{1000 * np.quantile(walls, q):.0f}" for q in (0.5, 0.95, 1)),
+                *(f"{1000 * np.quantile(processors, q):.0f}" for q in (0.5, 0.95)),
                 f"{np.median(asked):,.0f}",
-                f"{np.median(first):.3f}" if kind == "all" else "",
             ]
-            print(f"| {resolution} | {len(walls)} | {kind} | {' | '.join(cells)} |", flush=True)
+            print(f"| {resolution} | {kind} | {len(walls)} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="a trained run whose shapes have programs")
+    parser.add_argument("runs", type=Path, nargs="+", help="trained runs whose shapes have programs")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--edits", type=int, default=200)
-    parser.add_argument("--resolutions", type=int, nargs="+", default=[96, 256])
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    main(arguments.run, arguments.threads, arguments.edits, arguments.resolutions, arguments.seed)
+    main(arguments.runs, arguments.threads, arguments.edits, arguments.seed)

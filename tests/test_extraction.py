@@ -10,6 +10,7 @@ import torch
 from analytic import sphere_sdf
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spheres import SIZES
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.distance import SurfaceDistance
@@ -29,9 +30,11 @@ from cagesdf.extraction import (
 )
 from cagesdf.extraction.asking import ask_densely
 from cagesdf.extraction.lattice import Lattice
-from cagesdf.extraction.marching import drawn, march
+from cagesdf.extraction.marching import Marched, drawn, march
+from cagesdf.extraction.merging import merged
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume
+from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, topology
+from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.decoders import CageDecoder, Decoder
 
 LATENT = torch.zeros(4)
@@ -201,12 +204,9 @@ def test_vertices_lie_nearer_to_the_zero_set_than_between_lattice_points() -> No
     ball, lattice = Analytic(lambda p: sphere_sdf(p, 0.31)), Lattice.of(box([0, 0, 0], [0.7] * 3), 0.1, 7)
     field = field_of(ball, LATENT, Cage.of({"all": lattice.cuboid}))
 
-    def ask(points: np.ndarray) -> np.ndarray:
-        return field.ask(points, 0)
-
-    marched = march(ask_densely(ask, 0.1, lattice).values, lattice)
+    marched = marched_of(field, lattice)
     before = np.abs(sphere_sdf(lattice.points(marched.places), 0.31))
-    mesh, asked = drawn(marched, ask, lattice)
+    mesh, asked = drawn(marched, field_ask(field), lattice)
     assert asked == len(mesh.vertices)
     assert np.abs(sphere_sdf(mesh.vertices, 0.31)).mean() < before.mean() / 5
 
@@ -230,9 +230,7 @@ def test_faces_of_marching_cubes_on_a_cuboid_lie_on_it_exactly_and_have_an_area(
     lattice = Lattice.of(box([0.5, 0.25, 0.125], [0.5, 0.5, 0.75]), 0.04, 12)
     bump = Analytic(lambda p: sphere_sdf(p - [0.75, 0.5, 0.5], 0.31))
     field = field_of(bump, LATENT, Cage.of({"all": lattice.cuboid}))
-    mesh, _ = drawn(
-        march(ask_densely(lambda p: field.ask(p, 0), 0.1, lattice).values, lattice), field_ask(field), lattice
-    )
+    mesh, _ = drawn(marched_of(field, lattice), field_ask(field), lattice)
     assert_sound(mesh)
     assert face_areas(mesh).min() > 0
     on = [mesh.vertices[:, 0] == 0.75, mesh.vertices[:, 1] == 0.5, mesh.vertices[:, 2] == 0.5]
@@ -242,6 +240,10 @@ def test_faces_of_marching_cubes_on_a_cuboid_lie_on_it_exactly_and_have_an_area(
         assert face_areas(Mesh(mesh.vertices, mesh.faces[side])).sum() == pytest.approx(
             np.pi * 0.31**2 / 4, rel=0.04
         ), axis
+
+
+def marched_of(field: CageField, lattice: Lattice) -> Marched:
+    return march(ask_densely(field.on_lattice(lattice, 0), field.reach(0), lattice).values, lattice)
 
 
 def field_ask(field: CageField) -> Callable[[np.ndarray], np.ndarray]:
@@ -321,7 +323,7 @@ def test_a_part_moves_with_its_cuboid(seed: int) -> None:
     for cuboid in (box([0, 0, 0], size), box(rng.normal(size=3), size, rotation(seed))):
         field = field_of(bumpy, LATENT, Cage.of({"all": cuboid}))
         lattice = Lattice.of(cuboid, 0.05, 12)
-        found.append(march(ask_densely(field_ask(field), field.reach(0), lattice).values, lattice))
+        found.append(marched_of(field, lattice))
     np.testing.assert_array_equal(found[0].faces, found[1].faces)
     np.testing.assert_allclose(found[0].places, found[1].places, atol=1e-3)
 
@@ -346,11 +348,14 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
             middles = found.mesh.corners().mean(axis=1)
             assert cage.signed_distance(middles).min(axis=1).max() < 1e-8
     field, lattice = field_of(decoder, LATENT, cage), Lattice.of(cage["0"], 0.2, 6)
-    marched = march(ask_densely(field_ask(field), 0.1, lattice).values, lattice)
+    marched = marched_of(field, lattice)
     if len(marched.faces):
-        mesh, _ = drawn(marched, field_ask(field), lattice)
-        assert_sound(mesh)
-        assert face_areas(mesh).min() > 0
+        fewer = merged(marched, lattice)
+        for surface in (marched, fewer):
+            mesh, _ = drawn(surface, field_ask(field), lattice)
+            assert_sound(mesh)
+            assert face_areas(mesh).min() > 0
+        assert topology(mesh) == topology(Mesh(marched.places, marched.faces))
 
 
 @given(seed=st.integers(0, 10**6))
@@ -374,6 +379,24 @@ def test_the_value_of_a_point_does_not_depend_on_the_points_beside_it(seed: int)
     whole = field.ask(points, 1)
     some = rng.permutation(2500)[: rng.integers(1, 2500)]
     np.testing.assert_array_equal(field.ask(points[some], 1), whole[some])
+
+
+@pytest.mark.parametrize("name", sorted(DECODERS))
+def test_the_nodes_of_a_lattice_have_the_values_of_their_points(name: str) -> None:
+    """For every decoder, in a cuboid of three lengths; and bit for bit whatever nodes are asked with them."""
+    decoder = make_decoder(name, **SIZES, seed=0).requires_grad_(False)
+    cuboid = box([0.1, -0.2, 0.05], [0.4, 0.9, 0.15], rotation(3))
+    field = field_of(decoder, torch.linspace(-1, 1, SIZES["latent_dim"]), Cage.of({"a": cuboid}))
+    field.reach = lambda cuboid: 100.0  # type: ignore[method-assign]
+    lattice = Lattice.of(field.cage[field.cage.part_ids[0]], 0.05, 7)
+    places = np.random.default_rng(0).permutation(np.argwhere(np.ones(lattice.shape)))
+    values = field.ask(lattice.points(places), 0)
+    assert np.ptp(values) > 1e-3
+    at_nodes = field.on_lattice(lattice, 0)
+    whole = at_nodes(places)
+    np.testing.assert_allclose(whole, values, atol=2e-5 * np.ptp(values))
+    for count in (1, 50, 337):
+        np.testing.assert_array_equal(at_nodes(places[:count]), whole[:count])
 
 
 def test_each_point_is_asked_with_its_own_cuboid_and_code() -> None:
@@ -464,6 +487,21 @@ def test_an_edit_leaves_other_parts_as_they_are_and_asks_one_alone() -> None:
     assert other.parts["a"] is start.parts["a"]
     assert signed_volume(other.parts["b"]) < signed_volume(start.parts["b"])
     assert 0 < other.asked < start.asked
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=5, deadline=None)
+def test_unions_that_were_kept_change_nothing(seed: int) -> None:
+    """Bit for bit, over edits of one of seven parts after another, some of them empty."""
+    rng = np.random.default_rng(seed)
+    decoder, cage = waves(seed, 1.0), random_cage(seed, 7)
+    live = LiveSurface(20, fineness=Fineness(6, 0.05))
+    for _ in range(4):
+        field = field_of(decoder, LATENT, cage)
+        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 0.05)).mesh)
+        centre = cage.centre.copy()
+        centre[rng.integers(7)] += rng.normal(size=3) * 0.2
+        cage = replace(cage, centre=centre)
 
 
 def test_an_edit_taken_back_asks_nothing() -> None:

@@ -27,11 +27,12 @@ def cuboid(rng: np.random.Generator) -> Cuboid:
     return Cuboid(rng.uniform(-0.3, 0.3, 3), q * np.sign(np.linalg.det(q)), rng.uniform(0.05, 0.9, 3))
 
 
-def cones(rng: np.random.Generator, slope: float):
+def cones(rng: np.random.Generator, lattice: Lattice, slope: float):
     """The least of many cones, and of plates thinner than any cell: as steep as can be, with kinks everywhere."""
     tips, heights = rng.uniform(-0.6, 0.6, (12, 3)), rng.uniform(-0.15, 0.02, 12)
 
-    def ask(points: np.ndarray) -> np.ndarray:
+    def ask(places: np.ndarray) -> np.ndarray:
+        points = lattice.points(places)
         away = np.linalg.norm(points[:, None] - tips, axis=2) + heights
         return (slope * away.min(axis=1)).clip(-REACH, REACH).astype(np.float32)
 
@@ -73,7 +74,8 @@ def test_rounding_makes_no_further_cell(cells: int, size: float) -> None:
 def test_fields_no_steeper_than_the_margin_are_never_misjudged_above_the_finest_step(seed: int, share: float) -> None:
     """Every point settled at a distance of more than a cell has the sign that asking gives."""
     rng = np.random.default_rng(seed)
-    lattice, ask = Lattice.of(cuboid(rng), 0.02, 12), cones(rng, share * LIPSCHITZ)
+    lattice = Lattice.of(cuboid(rng), 0.02, 12)
+    ask = cones(rng, lattice, share * LIPSCHITZ)
     sparse, dense = (method(ask, REACH, lattice) for method in (ask_sparsely, ask_densely))
     wrong = (sparse.values < 0) != (dense.values < 0)
     # The finest step settles from two sides: it may overlook a tip within a cell, and nothing larger.
@@ -87,11 +89,12 @@ def test_fields_no_steeper_than_the_margin_are_never_misjudged_above_the_finest_
 def test_the_network_is_asked_only_in_the_cuboid_and_once_a_point() -> None:
     rng = np.random.default_rng(3)
     item, seen = cuboid(rng), []
-    lattice, cone = Lattice.of(item, 0.011, 12), cones(rng, 1.0)
+    lattice = Lattice.of(item, 0.011, 12)
+    cone = cones(rng, lattice, 1.0)
 
-    def ask(points: np.ndarray) -> np.ndarray:
-        seen.append(points)
-        return cone(points)
+    def ask(places: np.ndarray) -> np.ndarray:
+        seen.append(lattice.points(places))
+        return cone(places)
 
     answers = ask_sparsely(ask, REACH, lattice)
     points = np.concatenate(seen)

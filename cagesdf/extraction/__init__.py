@@ -7,14 +7,17 @@ flat faces and sharp edges, and nothing lies outside. The shape is the exact uni
 lattice.py    the points of a cuboid
 field.py      a decoder with a cage and the codes of its parts
 asking.py     sparse or dense
-marching.py   from values to the closed solid of a part
+marching.py   from values to a surface, and its vertices to the zero set
+merging.py    fewer vertices where it is nearly flat
+part.py       the closed solid of a part
 promises.py   what is promised of every surface
 surface.py    `extract`, and `LiveSurface` for edits
 """
 
 from cagesdf.extraction.asking import METHODS, ask_densely, ask_sparsely
 from cagesdf.extraction.field import CUBE, CageField, field_of
-from cagesdf.extraction.marching import NOTHING, PREVIEW, USUAL, Fineness, Part
+from cagesdf.extraction.marching import NOTHING
+from cagesdf.extraction.part import PREVIEW, USUAL, Fineness, Part
 from cagesdf.extraction.promises import LOOSE, SYMMETRIES
 from cagesdf.extraction.surface import (
     Each,

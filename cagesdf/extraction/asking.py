@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
+from operator import add
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -23,7 +24,7 @@ FILLED = 0.05
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
 POSITIVE = np.float32(1)  # what is beyond the faces
 
-Ask = Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]]
+Ask = Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]  # of points of a lattice, by their indices
 Triple = tuple[int, ...]  # a number for each axis
 
 
@@ -51,7 +52,7 @@ def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
 def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
     """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
     on_face = ((places == 0) | (places == lattice.cells)).any(axis=1)
-    return ask(lattice.points(places)) - np.float32(FILLED * lattice.steps.min()) * on_face
+    return ask(places) - np.float32(FILLED * lattice.steps.min()) * on_face
 
 
 def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
@@ -70,10 +71,8 @@ def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
     bound[:] = 0  # at most the value's size, with its sign; 0: nothing is known
     asked[:] = False
     for strides, first in sublattices(first_strides(lattice, reach)):
-        spread(bound, strides, first, LIPSCHITZ * lattice.steps)
-        bridge(bound, strides, first, BEND * lattice.steps)
-        these = tuple(map(slice, first, bound.shape, strides))
-        places = np.argwhere(bound[these] == 0) * strides + first
+        settle(bound, strides, first, lattice.steps)
+        places = np.argwhere(_every(bound, strides, first) == 0) * strides + first
         where = tuple(places.T)
         bound[where] = answered(ask, lattice, places)
         asked[where] = True
@@ -108,38 +107,37 @@ def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
         strides = tuple(max(1, stride // 2) for stride in strides)
 
 
-def spread(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, slopes: Float[ndarray, " 3"]) -> None:
-    """Carry bounds to a sublattice from the points around, which lie on earlier ones; `slopes` are losses a step."""
+def settle(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"]) -> None:
+    """Carry bounds to a sublattice from the points around it, which lie on earlier ones.
+
+    A neighbour's bound less what the way there may take from it; on the last halving, along each axis where points lie
+    halfway, also the mean of two neighbours of one sign, less BEND steps. The farthest from 0 is kept.
+    """
+    target = _every(bound, strides, first)
+    high, low = np.zeros(target.shape, np.float32), np.zeros(target.shape, np.float32)
     for signs in product(*((-1, 0, 1) if start else (0,) for start in first)):
         if not any(signs) or (max(strides) == 2 and np.count_nonzero(signs) > 1):
             continue  # on the last halving, which costs most, along the axes alone: a twentieth more points is asked
-        steps = [sign * stride // 2 for sign, stride in zip(signs, strides)]
-        beside = tuple(start + step for start, step in zip(first, steps))
-        target, source = _pairs(bound, strides, first, beside)
-        left = np.abs(source) - np.float32(np.linalg.norm(steps * slopes))
-        better = left > np.abs(target)
-        np.copysign(left, source, out=target, where=better)
-
-
-def bridge(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, losses: Float[ndarray, " 3"]) -> None:
-    """Carry bounds to a sublattice along the axes where it has every second point, from pairs of neighbours of one
-    sign, less the axis' loss."""
+        way = [sign * stride // 2 for sign, stride in zip(signs, strides)]
+        source = _every(bound, strides, tuple(map(add, first, way)))[tuple(map(slice, target.shape))]
+        part, loss = tuple(map(slice, source.shape)), np.float32(LIPSCHITZ * np.linalg.norm(way * steps))
+        np.maximum(high[part], source - loss, out=high[part])
+        np.minimum(low[part], source + loss, out=low[part])
     for axis in (k for k in range(3) if strides[k] == 2 and first[k] == 1):
-        low = tuple(start - (k == axis) for k, start in enumerate(first))
-        high = tuple(start + (k == axis) for k, start in enumerate(first))
-        target, below, above = _pairs(bound, strides, first, low, high)
-        left = np.abs(below + above) / 2 - np.float32(losses[axis])
-        better = (left > np.abs(target)) & (below * above > 0)
-        np.copysign(left, below, out=target, where=better)
+        below, above = (
+            _every(bound, strides, tuple(start + way * (k == axis) for k, start in enumerate(first))) for way in (-1, 1)
+        )
+        part = tuple(map(slice, above.shape))
+        below, loss = below[part], np.float32(BEND * steps[axis])
+        mean, agree = (below + above) / 2, below * above > 0
+        np.maximum(high[part], mean - loss, out=high[part], where=agree)
+        np.minimum(low[part], mean + loss, out=low[part], where=agree)
+    target[...] = np.where(high > -low, high, low)
 
 
-def _pairs(bound: Float32[ndarray, "r s t"], strides: Triple, *firsts: Triple) -> list[Float32[ndarray, "a b c"]]:
-    """Views of every so many points from several first ones on, as many as all of them have."""
-    counts = [-(-(n - max(starts)) // stride) for n, stride, *starts in zip(bound.shape, strides, *firsts)]
-    return [
-        bound[tuple(slice(max(s, 0), s + t * max(n, 0), t) for s, t, n in zip(first, strides, counts))]
-        for first in firsts
-    ]
+def _every(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple) -> Float32[ndarray, "a b c"]:
+    """A view of every so many points along each axis, from a first one on."""
+    return bound[tuple(map(slice, first, bound.shape, strides))]
 
 
 def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]) -> None:

@@ -1,15 +1,16 @@
 """A decoder with a cage and the codes of its parts."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int, Num
 from numpy import ndarray
 from torch import Tensor
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
+from cagesdf.extraction.lattice import Lattice
 from cagesdf.frames import HALF_EXTENT, OUTSIDE
 from cagesdf.models.codes import part_codes
 from cagesdf.models.decoders import Decoder, TrainsOn
@@ -49,20 +50,39 @@ class CageField:
         In float32: bfloat16's steps would show on the surface. A point's value doesn't depend on the
         points beside it, not even in its last bits. Raises InputError if a value is not finite.
         """
-        padded = np.zeros((1, -(-len(points) // ROWS) * ROWS, 3), np.float32)
-        padded[0, : len(points)] = points
-        given = torch.from_numpy(padded).to(self.codes.device)
-        if cuboid not in self._given:
-            vector = self._vector(cuboid)
-            self._given[cuboid] = vector, self.decoder.condition(self.codes[cuboid : cuboid + 1], vector)
-        vector, condition = self._given[cuboid]
-        features = (self.decoder.features(group, vector) for group in given.split(GROUP, dim=1))
-        parts = [self.decoder.at(group, condition, group.dtype)[0] for group in features]
-        values = torch.cat(parts).cpu().numpy()[: len(points)]
+        vector, condition = self._conditioned(cuboid)
+
+        def at_points(group: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
+            return self.decoder.at(self.decoder.features(group[None], vector), condition, group.dtype)[0]
+
+        return self._values(at_points, points.astype(np.float32), cuboid)
+
+    @torch.inference_mode()
+    def on_lattice(self, lattice: Lattice, cuboid: int) -> Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]:
+        """`ask` for nodes of a lattice of cuboid number `cuboid`, by their indices; equal to it but for rounding."""
+        vector, condition = self._conditioned(cuboid)
+        axes = [torch.from_numpy(axis).to(self.codes) for axis in lattice.unit_axes()]
+        at_nodes = self.decoder.on_lattice(condition, vector, axes)
+        return lambda places: self._values(at_nodes, places, cuboid)
+
+    @torch.inference_mode()
+    def _values(
+        self, at: Callable[[Tensor], Float[Tensor, " n"]], places: Num[ndarray, "n 3"], cuboid: int
+    ) -> Float32[ndarray, " n"]:
+        padded = np.zeros((-(-len(places) // ROWS) * ROWS, 3), places.dtype)
+        padded[: len(places)] = places
+        groups = torch.from_numpy(padded).to(self.codes.device).split(GROUP)
+        values = torch.cat([at(group) for group in groups]).cpu().numpy()[: len(places)]
         if not np.isfinite(values).all():
             raise InputError("the network gives values that are not finite, so its training diverged; train it again")
         reach = np.float32(self.reach(cuboid))
         return values.clip(-reach, reach)
+
+    def _conditioned(self, cuboid: int) -> tuple[Tensor, Tensor]:
+        if cuboid not in self._given:
+            vector = self._vector(cuboid)
+            self._given[cuboid] = vector, self.decoder.condition(self.codes[cuboid : cuboid + 1], vector)
+        return self._given[cuboid]
 
     def _vector(self, cuboid: int) -> Float[Tensor, "1 15"]:
         return torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1]).to(self.codes)

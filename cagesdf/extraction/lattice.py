@@ -34,6 +34,10 @@ class Lattice:
         """From a point to the next along each axis, canonical units."""
         return self.cuboid.size / self.cells
 
+    def unit_axes(self) -> list[Float[ndarray, " _"]]:
+        """Coordinates of the points along each axis, unit frame."""
+        return [np.arange(count + 1) / count - 0.5 for count in self.cells.tolist()]
+
     def points(self, indices: Integer[ndarray, "n 3"] | Float[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
         """Canonical positions of (possibly fractional) indices; equal ones have equal positions, whatever beside them.
 

@@ -1,71 +1,21 @@
 """From a network's values on a cuboid's lattice to the closed solid that they bound there."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
-from manifold3d import Manifold
 from numpy import ndarray
 from skimage.measure import marching_cubes
 
-from cagesdf.extraction.asking import Ask, Method
-from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.meshes import Mesh, vertex_normals
-from cagesdf.solid import as_manifold, from_manifold
 
 # A vertex is no nearer to a lattice point than this, in steps: at a value of 0 faces would have no area.
 NUDGE = 1e-3
 # A vertex is moved by no more than this towards the zero set, in steps along each axis.
 FARTHEST = 0.4
-# A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
-# of the most that it can.
-CLIP_TOLERANCE = 0.25
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-
-
-@dataclass(frozen=True)
-class Fineness:
-    """Least number of cells of a part, and how much its faces are simplified."""
-
-    least: int  # cells along each axis of its cuboid
-    even: float  # faces are made fewer where that moves the surface by no more, in the shortest steps
-
-
-USUAL = Fineness(16, 0.05)
-PREVIEW = Fineness(12, 0.2)  # where a surface is to be there at once
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """The closed solid that a network has in one cuboid.
-
-    It depends on the network, the part's code, the cuboid and the cells, not on other cuboids.
-    """
-
-    mesh: Mesh  # canonical; closed, manifold, outward, within the cuboid; no faces if the network says outside
-    solid: Manifold  # the same, ready to be united
-    vertices: int  # of marching cubes
-    clipped: int  # of them on the cuboid's faces where the network would go on
-    asked: int  # points given to the network
-
-
-def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
-    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units."""
-
-    def ask(points: Float[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
-        return field.ask(points, cuboid)
-
-    lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, fineness.least)
-    answers = method(ask, field.reach(cuboid), lattice)
-    asked = answers.asked
-    marched = march(answers.values, lattice)
-    del answers  # the largest thing in memory at 512 cells
-    clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
-    mesh, drawn_by = drawn(marched, ask, lattice)
-    del marched
-    solid = as_manifold(mesh).simplify(fineness.even * float(lattice.steps.min()))
-    return Part(from_manifold(solid), solid, len(mesh.vertices), clipped, asked + drawn_by)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +63,9 @@ def march(values: Float32[ndarray, "r s t"], lattice: Lattice) -> Marched:
     return Marched(places[used], renumbered[faces], slope[used], ends)
 
 
-def drawn(marched: Marched, ask: Ask, lattice: Lattice) -> tuple[Mesh, int]:
+def drawn(
+    marched: Marched, ask: Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]], lattice: Lattice
+) -> tuple[Mesh, int]:
     """The surface with its vertices drawn to the zero set, canonical, and how many points that took.
 
     One step along the surface's own normals, as long as the value there: that is a distance, or steeper than

@@ -1,15 +1,16 @@
 """From a field to a closed surface within the cage, at once or edit by edit (§3.6)."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from manifold3d import Manifold, OpType
+from manifold3d import Manifold
 
 from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
-from cagesdf.extraction.marching import NOTHING, USUAL, Fineness, Part, part_of
+from cagesdf.extraction.marching import NOTHING
+from cagesdf.extraction.part import USUAL, Fineness, Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh
@@ -89,6 +90,7 @@ class LiveSurface:
         self.fineness = fineness
         self._last: dict[bytes, Part] = {}
         self._before: dict[bytes, Part] = {}
+        self._unions: dict[tuple[bytes, ...], Manifold] = {}  # by the keys of their parts, of the last surface
 
     def surface(self, field: CageField) -> Extraction:
         """What `extract` gives for this field, but for `asked`, which counts what was asked now.
@@ -102,14 +104,16 @@ class LiveSurface:
         new = dict(zip(unknown, found))
         parts = [(known | new)[key] for key in keys]
         self._before, self._last = self._last, dict(zip(keys, parts))
-        return self._united(field.cage, parts, sum(part.asked for part in new.values()))
+        return self._finished(field.cage, keys, parts, sum(part.asked for part in new.values()))
 
-    def _united(self, cage: Cage, parts: Sequence[Part], asked: int) -> Extraction:
+    def _finished(self, cage: Cage, keys: Sequence[bytes], parts: Sequence[Part], asked: int) -> Extraction:
         meshes: Meshes = {part_id: part.mesh for part_id, part in zip(cage.part_ids, parts)}
-        held = [part.solid for part in parts if len(part.mesh.faces)]
+        held = {key: part.solid for key, part in zip(keys, parts) if len(part.mesh.faces)}
         if not held:
             return Extraction(NOTHING, meshes, asked, 0.0, 0, 0, 0.0)
-        whole = in_order(from_manifold(Manifold.batch_boolean(held, OpType.Add)))
+        unions: dict[tuple[bytes, ...], Manifold] = {}
+        whole = in_order(from_manifold(self._united(tuple(held), held, unions)))
+        self._unions = unions
         whole, meshes = self.symmetry(whole, meshes, cage)
         mesh = self.loose(whole)
         overshoot = check(mesh, cage, self.cell)
@@ -117,6 +121,24 @@ class LiveSurface:
         dropped = 0 if mesh is whole else count_pieces(whole) - components
         clipped = sum(part.clipped for part in parts) / sum(part.vertices for part in parts)
         return Extraction(mesh, meshes, asked, clipped, components, dropped, overshoot)
+
+    def _united(
+        self, keys: tuple[bytes, ...], solids: Mapping[bytes, Manifold], unions: dict[tuple[bytes, ...], Manifold]
+    ) -> Manifold:
+        """The union of some solids, of two halves that are made so themselves; `unions` gets all but single solids.
+
+        An edit makes only those anew that have the part in them. The order is the cage's, whatever was edited.
+        """
+        if len(keys) == 1:
+            return solids[keys[0]]
+        if keys in self._unions:
+            unions.update({some: union for some, union in self._unions.items() if set(some) <= set(keys)})
+            return self._unions[keys]
+        middle = len(keys) // 2
+        union = self._united(keys[:middle], solids, unions) + self._united(keys[middle:], solids, unions)
+        union.num_tri()  # now: manifold3d would put off this one, and do it in another order with those above
+        unions[keys] = union
+        return union
 
 
 def in_order(mesh: Mesh) -> Mesh:

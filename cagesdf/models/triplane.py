@@ -6,11 +6,11 @@ small network reads them. Its answer is the distance to the part's own closed su
 in all of its cuboid, whichever other cuboids reach into it; parts are joined by union (the paper's §5).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import grid_sample
 
@@ -21,6 +21,7 @@ from cagesdf.models.sines import sine_features
 from cagesdf.models.transformer import CageTransformer
 
 PLANES = tuple(combinations(range(3), 2))  # the axes of each plane
+OWNERS = (0, 2, 1)  # one of them, another for each plane
 
 
 class TriplaneDecoder(Decoder):
@@ -82,21 +83,58 @@ class TriplaneDecoder(Decoder):
         self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        sizes = [self.planes.out_features, condition.shape[1] - self.planes.out_features - 1, 1]
-        planes, film, unit = condition.split(sizes, dim=1)  # slices would have a gradient of the whole, mostly zeros
-        scales, shifts = film.view(len(film), len(self.hidden), 2, -1).unbind(dim=2)
+        planes, scales, shifts, unit = self._split(condition)
         given = torch.cat([self.read(planes, features[..., :3]), features], dim=-1)
         weights = [layer.get_parameter("weight") for layer in self.hidden]
-        return self.out(modulated(given, 1 + scales, shifts, 0, weights, products))[..., 0] * unit
+        return self.out(modulated(given, scales, shifts, 0, weights, products))[..., 0] * unit
+
+    def on_lattice(
+        self, condition: Float[Tensor, "1 ..."], cuboid: Float[Tensor, "1 15"], axes: Sequence[Float[Tensor, " _"]]
+    ) -> Callable[[Int[Tensor, "n 3"]], Float[Tensor, " n"]]:
+        """As in `Decoder`: all that the first layer is given of a node comes from three tables over pairs of axes.
+
+        A table has the features of its plane, and the coordinate and its sines of one axis. Scales are multiplied into
+        the weights.
+        """
+        planes, scales, shifts, unit = self._split(condition)
+        images = planes.view(3, self.channels, self.cells, self.cells)
+        first_sine = 3 * self.channels + 3
+        tables, columns = list[Tensor](), list[int]()
+        for plane, ((a, b), owner) in enumerate(zip(PLANES, OWNERS)):
+            grid = torch.stack(torch.meshgrid(axes[a], axes[b], indexing="ij"), dim=-1)
+            coordinate = grid[..., (owner == b) : (owner == b) + 1]
+            read = _bilinear(images[plane : plane + 1], grid[None])[0].permute(1, 2, 0)
+            tables.append(torch.cat([read, coordinate, sine_features(coordinate, self.octaves)], dim=-1).flatten(0, 1))
+            columns += range(plane * self.channels, (plane + 1) * self.channels)
+            columns += [3 * self.channels + owner, *range(first_sine + owner, first_sine + 6 * self.octaves, 3)]
+        weights = [scale[:, None] * layer.get_parameter("weight") for scale, layer in zip(scales[0], self.hidden)]
+        weights[0] = weights[0][:, columns]
+        out, bias = self.out.weight[0] * unit[0], self.out.bias * unit[0]
+
+        def at_nodes(nodes: Int[Tensor, "n 3"]) -> Float[Tensor, " n"]:
+            rows = [nodes[:, a] * len(axes[b]) + nodes[:, b] for a, b in PLANES]
+            hidden = torch.cat([table.index_select(0, row) for table, row in zip(tables, rows)], dim=1)
+            for weight, shift in zip(weights, shifts[0]):
+                hidden = torch.addmm(shift, hidden, weight.T).relu_()
+            return torch.addmv(bias.expand(len(hidden)), hidden, out)
+
+        return at_nodes
 
     def read(self, planes: Float[Tensor, "g f"], unit: Float[Tensor, "g n 3"]) -> Float[Tensor, "g n c"]:
         """The planes' features at points of the unit frame, between cells bilinearly; beyond, the border's."""
         count, points = unit.shape[:2]
-        places = torch.stack([unit[..., axes] for axes in PLANES], dim=1) * (2 / (1 + 2 * BEYOND))
-        found = grid_sample(
-            planes.reshape(3 * count, self.channels, self.cells, self.cells),
-            places.view(3 * count, 1, points, 2),
-            padding_mode="border",
-            align_corners=True,
-        )
+        places = torch.stack([unit[..., axes] for axes in PLANES], dim=1).view(3 * count, 1, points, 2)
+        found = _bilinear(planes.reshape(3 * count, self.channels, self.cells, self.cells), places)
         return found.view(count, 3 * self.channels, points).transpose(1, 2)
+
+    def _split(self, condition: Float[Tensor, "g ..."]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Planes, scales and shifts by layer, and unit, of groups."""
+        sizes = [self.planes.out_features, condition.shape[1] - self.planes.out_features - 1, 1]
+        planes, film, unit = condition.split(sizes, dim=1)  # slices would have a gradient of the whole, mostly zeros
+        scales, shifts = film.view(len(film), len(self.hidden), 2, -1).unbind(dim=2)
+        return planes, 1 + scales, shifts, unit
+
+
+def _bilinear(images: Float[Tensor, "k c r r"], places: Float[Tensor, "k a b 2"]) -> Float[Tensor, "k c a b"]:
+    """Feature planes at places of the unit frame."""
+    return grid_sample(images, places * (2 / (1 + 2 * BEYOND)), padding_mode="border", align_corners=True)

@@ -1,0 +1,60 @@
+"""From a field and one of its cuboids to the closed solid of that part."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from manifold3d import Manifold
+
+from cagesdf.extraction.asking import Method
+from cagesdf.extraction.field import CageField
+from cagesdf.extraction.lattice import Lattice
+from cagesdf.extraction.marching import drawn, march
+from cagesdf.extraction.merging import merged
+from cagesdf.meshes import Mesh
+from cagesdf.solid import as_manifold, from_manifold
+
+# A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
+# of the most that it can.
+CLIP_TOLERANCE = 0.25
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """Least number of cells of a part, and how much its faces are simplified."""
+
+    least: int  # cells along each axis of its cuboid
+    even: float  # faces are made fewer where that moves the surface by no more, in the shortest steps
+
+
+USUAL = Fineness(16, 0.05)
+PREVIEW = Fineness(12, 0.2)  # where a surface is to be there at once
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The closed solid that a network has in one cuboid.
+
+    It depends on the network, the part's code, the cuboid and the cells, not on other cuboids.
+    """
+
+    mesh: Mesh  # canonical; closed, manifold, outward, within the cuboid; no faces if the network says outside
+    solid: Manifold  # the same, ready to be united
+    vertices: int  # of marching cubes
+    clipped: int  # of them on the cuboid's faces where the network would go on
+    asked: int  # points given to the network
+
+
+def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
+    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units."""
+    lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, fineness.least)
+    answers = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
+    asked = answers.asked
+    marched = march(answers.values, lattice)
+    del answers  # the largest thing in memory at 512 cells
+    vertices = len(marched.places)
+    clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
+    mesh, drawn_by = drawn(merged(marched, lattice), partial(field.ask, cuboid=cuboid), lattice)
+    del marched
+    solid = as_manifold(mesh).simplify(fineness.even * float(lattice.steps.min()))
+    return Part(from_manifold(solid), solid, vertices, clipped, asked + drawn_by)
