@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation as Turn
 
 from cagesdf.cuboid import Cage
 from cagesdf.editing.parts import parameters, part_names
-from cagesdf.editing.script import Axis, Blend, Build, End, Move, Operation, Resize, Rotate, Set, Style, dump
+from cagesdf.editing.script import Axis, Blend, Build, End, Mix, Move, Operation, Resize, Rotate, Set, Style, dump
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
@@ -94,6 +94,7 @@ class Tab:
                 redraw=self._redraw,
                 set_parameter=self._set,
                 blend=self._blend,
+                mix=self._mix,
                 direct=self._direct,
                 surprise=self._surprise,
                 generate=self._generate,
@@ -106,6 +107,7 @@ class Tab:
             ),
             sorted(opened.session.run.sequences),
             len(opened.styles.directions),
+            opened.session.styles.by_part,
             opened.generator is not None,
             opened.truth(opened.first) is not None,
             self._guarded,
@@ -317,6 +319,14 @@ class Tab:
     def _blend(self, shape_id: str, weight: float) -> None:
         if shape_id != NOTHING:
             self._do(Blend(style_of=shape_id, weight=weight), ("blend", shape_id))
+
+    def _mix(self, shape_id: str, weight: float) -> None:
+        if shape_id == NOTHING:
+            return
+        if not self._selected:
+            raise InputError("no part is selected; click those that are to take the style")
+        mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, mirror=self._mirror, repeat=self._repeat)
+        self._do(mix, ("mix", self._selected, shape_id))
 
     def _direct(self, direction: int, place: float) -> None:
         code = self._opened.styles.moved(self._document.state.latent, direction, place)
