@@ -28,7 +28,7 @@ class Actions:
     undo: Callable[[], None]
     redo: Callable[[], None]
     reset: Callable[[], None]
-    select: Callable[[str], None]  # a part's name
+    select: Callable[[str], None]  # a part's name, or the label of several
     place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
     redraw: Callable[[], None]  # what is shown changed, not the shape
@@ -186,7 +186,7 @@ class Panel:
             self._gui.add_button(label).on_click(lambda _: self._guard(take))
 
     def show_parts(self, names: Sequence[str], selected: str | None) -> None:
-        """The parts there are, and the one selected."""
+        """The parts there are and the labels that several share, and the one part selected."""
         self.part.options = (NOTHING, *names)
         self.part.value = selected or NOTHING
 
