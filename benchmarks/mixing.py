@@ -44,12 +44,10 @@ POINTS, DETAIL = 3000, 0.005  # as the default run's make_trials
 
 def in_context(state: State) -> State:
     """The mixed parts with the codes that the network has for their styles in this cage."""
-    steps = {part: tuple(replace(step, cage=None, part=part) for step in steps) for part, steps in _steps(state)}
-    return replace(state, part_styles=steps)
-
-
-def _steps(state: State) -> list[tuple[str, tuple]]:
-    return [*state.part_styles.items()]
+    mixed = {
+        part: tuple(replace(step, cage=None, part=part) for step in steps) for part, steps in state.part_styles.items()
+    }
+    return replace(state, part_styles=mixed)
 
 
 class Mixes:
