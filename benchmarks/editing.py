@@ -45,7 +45,7 @@ def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:
     """An edit as people make them: a tenth of the shape's size, a third of a length, 20 degrees; or another style."""
     part = str(rng.choice(state.cage.part_ids))
     axis = "xyz"[rng.integers(3)]
-    style = str(rng.choice(sorted(session.styles)))
+    style = str(rng.choice([*session.styles.shapes]))
     placed = state.structure.placed_program()
     match OPERATIONS[rng.integers(placed is None, len(OPERATIONS))]:
         case "move":
@@ -69,7 +69,7 @@ def scripts(session: Session, count: int, seed: int) -> list[tuple[str, list[Ope
     """Shapes, and edits that can be done to them."""
     rng = np.random.default_rng(seed)
     found = []
-    for shape_id in rng.permutation(sorted(session.styles))[: -(-count // EDITS)].tolist():
+    for shape_id in rng.permutation([*session.styles.shapes])[: -(-count // EDITS)].tolist():
         history, done = History.of(session.opened(shape_id)), list[Operation]()
         while len(done) < EDITS:
             operation = draw(session, history.present, rng)

@@ -114,11 +114,16 @@ def correspond(
     return tuple((part_id, partners[part_id]) for part_id in source.parts())
 
 
-def _node_centres(structure: Structure, cage: Cage) -> dict[str, Float[ndarray, " 3"]]:
-    """Mean part centre below each node, relative to the cage's bounding box."""
+def relative_centres(cage: Cage) -> Float[ndarray, "p 3"]:
+    """Centres of cuboids in the unit cube that the cage's bounding box is mapped to."""
     corners = cage.corners().reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    relative = (cage.centre - low) / (high - low)
+    return (cage.centre - low) / (high - low)
+
+
+def _node_centres(structure: Structure, cage: Cage) -> dict[str, Float[ndarray, " 3"]]:
+    """Mean part centre below each node, relative to the cage's bounding box."""
+    relative = relative_centres(cage)
     centres: dict[str, ndarray] = {}
 
     def walk(node: str) -> list[ndarray]:

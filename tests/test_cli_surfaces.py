@@ -1,4 +1,4 @@
-"""`cagesdf extract`, `edit` and `swap` as a user meets them, and what `inspect` tells for it."""
+"""`cagesdf extract`, `edit`, `swap` and `mix` as a user meets them, and what `inspect` tells for it."""
 
 import json
 from pathlib import Path
@@ -11,6 +11,7 @@ import test_cli
 import torch
 import trimesh
 from test_cli import FIGURES, PARAMS, SIZE, Command, write_trained
+from untrained import untrained
 
 from cagesdf.cuboid import Cuboid, Sequence
 from cagesdf.editing.script import parse
@@ -51,6 +52,13 @@ def write_chairs(folder: Path, trains_on: str = "cage") -> Path:
     )
     with artefact.write("run", folder, inputs={}, params=PARAMS) as out:
         write_run(out, run, [{"step": 1.0, "loss": 0.5}])
+    return folder
+
+
+def write_parts_run(folder: Path) -> Path:
+    """A run of two chairs whose parts have codes, a and b."""
+    with artefact.write("run", folder, inputs={}, params=PARAMS) as out:
+        write_run(out, untrained().run, [{"step": 1.0, "loss": 0.5}])
     return folder
 
 
@@ -146,6 +154,38 @@ def test_a_swap_is_the_script_that_swaps(command: Command, chairs: Path, tmp_pat
     command("swap", chairs, "chair_1", "chair_2", swapped, "--resolution", "32")
     command("edit", chairs, "chair_1", script, scripted, "--resolution", "32")
     assert swapped.read_bytes() == scripted.read_bytes()
+
+
+def test_a_mix_is_the_script_that_mixes(command: Command, tmp_path: Path) -> None:
+    run = write_parts_run(tmp_path / "runs" / "parts")
+    mixed, scripted, own = (tmp_path / f"{name}.obj" for name in ("mixed", "scripted", "own"))
+    mixes = [{"op": "mix", "part": part, "style_of": "b"} for part in ("leg_1", "seat|arm_*")]
+    script = write_script(tmp_path, *mixes)
+    command("mix", run, "a", "leg_1=b", "seat|arm_*=b", mixed, "--resolution", "32")
+    command("edit", run, "a", script, scripted, "--resolution", "32")
+    command("extract", run, "a", own, "--resolution", "32")
+    assert mixed.read_bytes() == scripted.read_bytes()
+    before, after = (dict(read_obj_groups(path)) for path in (own, mixed))
+    changed = {name for name in before if before[name].vertices.tobytes() != after[name].vertices.tobytes()}
+    assert {"leg_1", "leg_2", "seat", "arm_1", "arm_2"} <= changed
+    assert "back" not in changed
+
+
+def test_what_is_wrong_with_a_mix_is_said_and_nothing_is_written(
+    command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    run, out = write_parts_run(tmp_path / "runs" / "parts"), tmp_path / "out.obj"
+    for words, said in (
+        (["leg_1"], "'leg_1': wanted PART=SHAPE, such as 'leg_*=chair_0007'"),
+        (["=b"], "'=b': wanted PART=SHAPE"),
+        (["leg_1="], "'leg_1=': wanted PART=SHAPE"),
+        (["wing=b"], "operation 0: mix: part 'wing': no part is called so; wanted one of seat"),
+        (["seat=b", "leg_1=c"], "operation 1: mix: style_of 'c': none of the 2 styles; did you mean a, b?"),
+        ([], "PARTS"),
+    ):
+        assert said in command.complaint("mix", run, "a", *words, out)
+    assert "one style for the whole shape" in command.complaint("mix", chairs, "chair_1", "seat=chair_2", out)
+    assert not out.exists()
 
 
 def test_a_mirrored_chair_has_a_mirrored_surface(command: Command, chairs: Path, tmp_path: Path) -> None:

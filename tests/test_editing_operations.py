@@ -18,6 +18,7 @@ from cagesdf.editing.script import (
     Blend,
     Build,
     Harmonise,
+    Mix,
     Move,
     Operation,
     Redo,
@@ -31,6 +32,7 @@ from cagesdf.editing.script import (
     parse,
 )
 from cagesdf.editing.state import State
+from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.structure.assembly import Assembly
@@ -41,13 +43,16 @@ from cagesdf.structure.relations import Rotation as Turned
 
 # The user's z is up, and the unit is a tenth of the canonical one.
 Z_UP = Similarity(0.1, UP_AXES["z"], np.array([0.1, 0.2, 0.3]))
-STYLES = {"a": np.array([0, 1], np.float32), "b": np.array([2, -1], np.float32)}
+LATENTS = {"a": np.array([0, 1], np.float32), "b": np.array([2, -1], np.float32)}
 LABELS = {"Base/Side/leg": "leg", "Base/cube1/leg": "leg", "seat": "seat", "arm": "arm", "cube4": "arm"}
 
 
 def chair() -> State:
     structure = Assembly(programs.CHAIR, Similarity(0.9, np.eye(3), np.array([0.02, -0.03, 0.01])), LABELS)
-    return State.opened(structure.cage(), structure, STYLES["a"], Z_UP)
+    return State.opened(structure.cage(), structure, LATENTS["a"], Z_UP)
+
+
+STYLES = Styles({name: replace(chair(), latent=latent) for name, latent in LATENTS.items()}, by_part=True)
 
 
 def turned(degrees: float) -> np.ndarray:
@@ -66,7 +71,7 @@ def jug() -> State:
     leaves = tuple(Node(name, label, (), (), None) for name, label in (("1", "body"), ("2", "handle"), ("3", "handle")))
     relation = Reflection("2", "3", (0.0, 0.0, 0.0), tuple(normal.tolist()))
     structure = PartHierarchy(Node("0", "jug", leaves, (relation,), None))
-    return State.opened(Cage.of({"1": body, "2": right, "3": left}), structure, STYLES["b"], Z_UP)
+    return State.opened(Cage.of({"1": body, "2": right, "3": left}), structure, LATENTS["b"], Z_UP)
 
 
 def do(state: State, *script: Operation) -> State:
@@ -262,8 +267,8 @@ def test_styles_are_swapped_and_blended_and_leave_the_cage_alone() -> None:
     state = chair()
     swapped = do(state, Swap(style_of="b"))
     assert swapped.cage is state.cage
-    assert np.array_equal(swapped.latent, STYLES["b"])
-    for weight, latent in ((0.0, STYLES["a"]), (1.0, STYLES["b"]), (0.25, 0.75 * STYLES["a"] + 0.25 * STYLES["b"])):
+    assert np.array_equal(swapped.latent, LATENTS["b"])
+    for weight, latent in ((0.0, LATENTS["a"]), (1.0, LATENTS["b"]), (0.25, 0.75 * LATENTS["a"] + 0.25 * LATENTS["b"])):
         blended = do(state, Blend(style_of="b", weight=weight))
         assert blended.cage is state.cage
         assert blended.latent.dtype == np.float32
@@ -275,7 +280,7 @@ def test_undo_and_redo_restore_the_very_states() -> None:
     script = (Move(part="seat", by=(0.1, 0, 0)), Swap(style_of="b"), Undo(), Undo(), Redo())
     states = [edited(state, script[:i], STYLES) for i in range(len(script) + 1)]
     assert states[4].present is state
-    assert states[5].future[0].latent is STYLES["b"]
+    assert states[5].future[0].latent is LATENTS["b"]
     np.testing.assert_array_equal(states[5].present.cage.vectors(), states[1].present.cage.vectors())
     history = states[2]
     assert history.undone().redone().present is history.present
@@ -294,6 +299,9 @@ def test_undo_and_redo_restore_the_very_states() -> None:
         (Resize(part="seat", axis="z", factor=0.01), "leaves seat 0.0045 thin; wanted 0.01 or more"),
         (Swap(style_of="c"), "style_of 'c': none of the 2 styles"),
         (Blend(style_of="c", weight=0.5), "style_of 'c'"),
+        (Mix(part="wing", style_of="b"), "part 'wing': no part is called so; wanted one of seat"),
+        (Mix(part="seat", style_of="c"), "style_of 'c': none of the 2 styles"),
+        (Mix(part="seat", style_of="b", **{"from": "wing"}), "part 'wing': no part is called so; wanted one of seat"),
         (Set(parameter="Chair.seet.y", value=1), "did you mean Chair.seat.y"),
         (Set(parameter="Chair.seat.y", value=-1), "positive"),
         (Set(parameter="Chair.seat.y", value=1e6), "away"),
@@ -341,7 +349,7 @@ def rail(relation: Translation | Turned) -> State:
             second = Cuboid(turn @ (first.centre - pivot) + pivot, first.axes @ turn.T, first.size)
     leaves = tuple(Node(name, "bar", (), (), None) for name in ("1", "2"))
     structure = PartHierarchy(Node("0", "rail", leaves, (relation,), None))
-    return State.opened(Cage.of({"1": first, "2": second}), structure, STYLES["b"], Z_UP)
+    return State.opened(Cage.of({"1": first, "2": second}), structure, LATENTS["b"], Z_UP)
 
 
 REPEATS = (
@@ -439,7 +447,7 @@ def test_another_structure_stands_in_its_own_cuboids_and_keeps_the_style() -> No
     tree = other.structure.with_cuboids(other.cage.cuboids())
     state = do(chair(), Swap(style_of="b"), Build(structure=tree.to_json()))
     np.testing.assert_allclose(state.cage.vectors(), other.cage.vectors(), atol=1e-12)
-    np.testing.assert_array_equal(state.latent, STYLES["b"])
+    np.testing.assert_array_equal(state.latent, LATENTS["b"])
     np.testing.assert_array_equal(state.similarity.to_raw(np.eye(3)), np.eye(3))
     program = chair().structure
     np.testing.assert_allclose(do(jug(), Build(structure=program.to_json())).cage.vectors(), chair().cage.vectors())

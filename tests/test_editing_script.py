@@ -14,6 +14,7 @@ from cagesdf.editing.script import (
     MAX_PATTERN,
     Blend,
     Build,
+    Mix,
     Move,
     Redo,
     Resize,
@@ -49,6 +50,9 @@ OPERATIONS = st.one_of(
     st.builds(Set, parameter=words, value=numbers),
     st.builds(Swap, style_of=words),
     st.builds(Blend, style_of=words, weight=st.floats(0, 1)),
+    st.builds(
+        Mix, part=words, style_of=words, weight=st.floats(0, 1), mirror=st.booleans(), **{"from": st.none() | words}
+    ),
     st.builds(Undo),
     st.builds(Redo),
 )
@@ -63,11 +67,14 @@ def test_a_script_is_read_back_as_it_was_written(script: tuple) -> None:
 def test_the_example_of_the_documentation_is_read() -> None:
     script = parse('[{"op":"resize","part":"leg_*","axis":"y","factor":1.3},{"op":"swap","style_of":"chair_0007"}]')
     assert script == (Resize(part="leg_*", axis="y", factor=1.3), Swap(style_of="chair_0007"))
+    [mix] = parse('[{"op": "mix", "part": "leg_*", "style_of": "chair_0007", "from": "leg", "weight": 1}]')
+    assert mix == Mix(part="leg_*", style_of="chair_0007", **{"from": "leg"})
 
 
 def test_every_kind_of_operation_has_its_word() -> None:
     assert set(KINDS) == {
-        "move", "resize", "rotate", "scale", "set", "swap", "blend", "style", "build", "harmonise", "undo", "redo"
+        "move", "resize", "rotate", "scale", "set", "swap", "blend", "mix", "style", "build", "harmonise", "undo",
+        "redo"
     }  # fmt: skip
 
 
@@ -100,6 +107,11 @@ GOOD = {"op": "move", "part": "leg", "by": [0, 1, 2]}
         ({"op": "resize", "part": "leg", "axis": "x", "factor": -1}, "factor"),
         ({"op": "scale", "factors": 2}, "factors"),
         ({"op": "blend", "style_of": "a", "weight": 1.5}, "weight"),
+        ({"op": "mix", "part": "leg", "style_of": "a", "weight": -0.1}, "weight is -0.1; wanted a number from 0 to 1"),
+        ({"op": "mix", "part": "leg", "style_of": "a", "weight": float("nan")}, "weight is nan"),
+        ({"op": "mix", "part": "leg"}, "style_of is missing; it has part, style_of, from, weight, mirror, repeat"),
+        ({"op": "mix", "part": "leg", "style_of": "a", "from": 3}, "from is 3; wanted the name of the other"),
+        ({"op": "mix", "part": "leg", "style_of": "a", "source": "leg"}, "source is not known; it has part, style_of"),
         ({"op": "undo", "times": 2}, "it has nothing else"),
     ],
 )

@@ -8,7 +8,21 @@ from untrained import untrained
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.operations import apply, edited
-from cagesdf.editing.script import Blend, Build, Move, Operation, Resize, Rotate, Scale, Set, Swap, Undo, dump, parse
+from cagesdf.editing.script import (
+    Blend,
+    Build,
+    Mix,
+    Move,
+    Operation,
+    Resize,
+    Rotate,
+    Scale,
+    Set,
+    Swap,
+    Undo,
+    dump,
+    parse,
+)
 from cagesdf.editing.session import Session, model_of
 from cagesdf.editing.state import History
 from cagesdf.errors import InputError
@@ -25,6 +39,7 @@ EDITS: tuple[Operation, ...] = (
     Undo(),
     Blend(style_of="a", weight=0.3),
     Scale(factors=(1.1, 1.0, 0.9)),
+    Mix(part="leg_*|back", style_of="b", weight=0.7),
 )
 
 

@@ -39,7 +39,7 @@ ALLOWED = {
     "point_chunks": RECORDS | SOLIDS | {"sampling", "part_sampling", "io"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | SOLIDS | {"models"},
-    "editing": RECORDS | {"solid", "deformation", "io", "extraction"},
+    "editing": RECORDS | {"solid", "matching", "deformation", "models", "io", "extraction"},
     "evaluation": RECORDS | SOLIDS | {"matching", "deformation", "synthesis"},
     "inference": RECORDS
     | SOLIDS

@@ -79,6 +79,30 @@ def test_what_a_swap_teaches_is_the_other_shape_itself_where_the_cuboids_are_its
     assert not own.changed.any(), "its style is its own"
 
 
+def test_a_mix_takes_the_style_in_its_parts_alone() -> None:
+    a, b = family(CHAIRS, "panel")[:2]
+    (shape, rest), styled = shape_of(a), shape_of(b)
+    recipes = {a.shape_id: a, b.shape_id: b}
+    own = union([part.mesh for part in shape.parts])
+    for whole, every, nothing in zip(
+        *(swap_trials(shape, rest, *styled, recipes, parts) for parts in (None, rest.part_ids, ()))
+    ):
+        assert np.array_equal(every.truth.vertices, whole.truth.vertices)
+        assert np.array_equal(every.changed, whole.changed)
+        assert apart(nothing.truth, own) == pytest.approx(0, abs=1e-6)
+        assert not nothing.changed.any()
+    legs = {part.part_id for part in shape.parts if part.label == "leg"}
+    other = [part.mesh for part in shape.parts if part.part_id not in legs]
+    swap, warp = swap_trials(shape, rest, *styled, recipes, legs)
+    for trial in (swap, warp):
+        assert trial.changed.any()
+        kept = trial.truth.corners().mean(axis=1)[~trial.changed]
+        assert SurfaceDistance(union(other)).unsigned(kept).max() < 1e-6
+    # Warped legs may leave their cuboids: where cuboids overlap, vertices go with the mean of them.
+    changed = rest.signed_distance(swap.truth.corners().mean(axis=1)[swap.changed])
+    assert changed[:, [part in legs for part in rest.part_ids]].min(axis=1).max() < 1e-6
+
+
 def test_faces_of_parts_that_show_no_style_are_not_changed() -> None:
     a, b = family(CHAIRS, "wire")[:2]
     shape, rest = shape_of(a)

@@ -138,6 +138,51 @@ def swap(
     work.write(work.session.edited(state, (Swap(style_of=style_of),)).present)
 
 
+def mix(
+    run: Path,
+    cuboids_of: str,
+    parts: list[str],
+    out: Path,
+    /,
+    *,
+    resolution: int = 128,
+    symmetry: Literal["none", "x"] = "none",
+    cuboids: Path | None = None,
+) -> None:
+    """Write the surface of one shape with some of its parts in the styles of others, as `extract` does.
+
+    Parameters
+    ----------
+    run
+        A folder that `train` wrote, such as data/runs/chair/cagesdf; of an arm whose parts have codes.
+    cuboids_of
+        The training shape whose cuboids are taken; its frame and unit, and the style of the other parts, too.
+    parts
+        One or more of PART=SHAPE, such as 'leg_*=chair_0007' or 'seat|back=chair_0003': which parts take the style of
+        which training shape's corresponding parts. Parts that mirror or repeat these follow.
+    out
+        A .ply, .obj, .stl or .glb file in a folder that exists.
+    resolution
+        Cells along 2.1 times the radius of the shape's bounding sphere.
+    symmetry
+        x: a mirrored cage gets an exactly mirrored surface.
+    cuboids
+        A file of these kinds for the cuboids alone.
+    """
+    from cagesdf.editing.script import Mix, refusing
+
+    script = []
+    for text in parts:
+        part, _, style_of = text.rpartition("=")
+        if not part or not style_of:
+            raise InputError(f"{text!r}: wanted PART=SHAPE, such as 'leg_*=chair_0007'")
+        with refusing():
+            script.append(Mix(part=part, style_of=style_of))
+    work = _Work(run, out, cuboids, resolution, symmetry=symmetry)
+    state = work.session.opened(cuboids_of)
+    work.write(work.session.edited(state, tuple(script)).present)
+
+
 class _Work:
     """One command's way from a run to a file: what it took, and what was checked."""
 

@@ -5,7 +5,7 @@ part which repeats another is: go there, change, come back.
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -141,6 +141,16 @@ def locked(state: State, changes: Mapping[str, Change], links: Sequence[Links]) 
                 every[other] = link.carried(every[part], state.cage[part].axes)
                 waiting.append(other)
     return every
+
+
+def linked(parts: Iterable[str], links: Sequence[Links]) -> tuple[str, ...]:
+    """Some parts, and all that are linked with them, directly or through others."""
+    every = list(dict.fromkeys(parts))
+    for part in every:  # grows on the way
+        for other in [other for kind in links for other in kind[part]]:
+            if other not in every:
+                every.append(other)
+    return tuple(every)
 
 
 def _leaves(structure: Structure, node: str) -> list[str]:

@@ -1,22 +1,21 @@
 """What the operations of a script do: functions from state to state."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from difflib import get_close_matches
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.deformation import scaled_cage
-from cagesdf.editing.links import Change, locked, mirrors, repeats
+from cagesdf.editing.links import Change, Links, linked, locked, mirrors, repeats
 from cagesdf.editing.parts import part_names, select, with_parameter
 from cagesdf.editing.script import (
     Blend,
     Build,
     Harmonise,
+    Mix,
     Move,
     Operation,
     Redo,
@@ -29,14 +28,12 @@ from cagesdf.editing.script import (
     Swap,
     Undo,
 )
-from cagesdf.editing.state import History, State
+from cagesdf.editing.state import History, PartStyle, State
+from cagesdf.editing.styles import Styles, corresponding
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.structure.executor import execute
 from cagesdf.structure.stored import read_structure
-
-# Latents by shape id: what swaps and blends may name.
-Styles = Mapping[str, Float32[ndarray, " d"]]
 
 REACH = 2.0  # canonical: as far from the origin as a corner may be; the shape at rest reaches 1
 MAX_RELATION = 1e6  # of the numbers of a relation: planes, ways, pivots, angles
@@ -76,7 +73,7 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
 
 def _after(
     state: State,
-    operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Harmonise,
+    operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Mix | Style | Build | Harmonise,
     styles: Styles,
 ) -> State:
     match operation:
@@ -87,10 +84,12 @@ def _after(
         case Set(parameter=parameter, value=value):
             return _sound(reprogrammed(state, parameter, value))
         case Swap(style_of=shape_id):
-            return replace(state, latent=_style(styles, shape_id))
+            return replace(state, latent=styles.named(shape_id).latent)
         case Blend(style_of=shape_id, weight=weight):
-            other = _style(styles, shape_id)
+            other = styles.named(shape_id).latent
             return replace(state, latent=(1 - np.float32(weight)) * state.latent + np.float32(weight) * other)
+        case Mix():
+            return mixed(state, operation, styles)
         case Style(code=code):
             if len(code) != len(state.latent):
                 raise InputError(f"code: {len(code)} numbers; this run's codes have {len(state.latent)}")
@@ -99,6 +98,30 @@ def _after(
             return _sound(built(state, text, numbers))
         case Harmonise():
             return replace(state, seen=state.cage)
+
+
+def mixed(state: State, operation: Mix, styles: Styles) -> State:
+    """Some parts with codes of another shape's corresponding parts, or on the way there.
+
+    A part that none corresponds to gets the code that the network has for the other shape's latent in this cage. Parts
+    keep what was mixed into them when the latent changes. Raises InputError for a run whose parts have no codes.
+    """
+    if not styles.by_part:
+        raise InputError(
+            "this arm has one style for the whole shape; take one whose parts have codes, such as cagesdf, or blend"
+        )
+    other = styles.named(operation.style_of)
+    parts = linked(select(state.structure, operation.part), _links(state, operation))
+    partners = corresponding(state, other, operation.source)
+    part_styles = dict(state.part_styles)
+    for part in parts:
+        partner = partners.get(part)
+        cage = None if partner is None else other.cage
+        step = PartStyle(other.latent, cage, partner or part, operation.weight)
+        # Nothing is left of what a step of weight 1 starts from.
+        before = part_styles.get(part, ()) if operation.weight < 1 else ()
+        part_styles[part] = (*before, step)
+    return replace(state, part_styles=part_styles)
 
 
 def scaled(state: State, factors: tuple[float, float, float]) -> State:
@@ -190,12 +213,16 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
             change = _turned_together(state, parts, operation)
         case Rotate():
             change = _turned(state, operation)
-    changes = dict.fromkeys(parts, change)
-    kinds = [kind for kind, on in ((mirrors, operation.mirror), (repeats, operation.repeat)) if on]
-    every = locked(state, changes, [kind(state) for kind in kinds])
+    every = locked(state, dict.fromkeys(parts, change), _links(state, operation))
     return state.with_cage(
         Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
     )
+
+
+def _links(state: State, operation: Move | Resize | Rotate | Mix) -> list[Links]:
+    """The links along which other parts follow an operation's."""
+    kinds = ((mirrors, operation.mirror), (repeats, operation.repeat))
+    return [kind(state) for kind, follow in kinds if follow]
 
 
 def _moved_in_own_frame(state: State, by: tuple[float, float, float]) -> Change:
@@ -256,13 +283,6 @@ def _box(cage: Cage, parts: tuple[str, ...]) -> tuple[Float[ndarray, " 3"], Floa
     """Lowest and highest corner of the parts together, canonical."""
     corners = Cage.of({part: cage[part] for part in parts}).corners().reshape(-1, 3)
     return corners.min(axis=0), corners.max(axis=0)
-
-
-def _style(styles: Styles, shape_id: str) -> Float32[ndarray, " d"]:
-    if shape_id not in styles:
-        near = get_close_matches(shape_id, styles, n=3, cutoff=0.5) or sorted(styles)[:3]
-        raise InputError(f"style_of {shape_id!r}: none of the {len(styles)} styles; did you mean {', '.join(near)}?")
-    return styles[shape_id]
 
 
 def _sound(state: State) -> State:

@@ -32,6 +32,10 @@ _Factor = Annotated[float, Field(allow_inf_nan=False, ge=0.01, le=100)]
 Part = Annotated[
     str, Field(min_length=1, max_length=MAX_PATTERN, description="a part's name, or several: leg_*, seat|back")
 ]
+Source = Annotated[
+    Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)] | None,
+    Field(description="the name of the other shape's part, or of several: leg_*, seat|back; or null"),
+]
 Vector = Annotated[
     tuple[_Length, _Length, _Length], Field(description="three numbers [x, y, z], each from -1e12 to 1e12")
 ]
@@ -60,7 +64,7 @@ StructureText = Annotated[
 
 
 class _Operation(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, serialize_by_alias=True)
 
 
 class Move(_Operation):
@@ -129,6 +133,18 @@ class Blend(_Operation):
     weight: Weight  # 0: the style stays, 1: it becomes the other's
 
 
+class Mix(_Operation):
+    """Take the style of another shape's parts in some parts; the others stay as they are."""
+
+    op: Literal["mix"] = "mix"
+    part: Part  # id, name or label, with *, ? and | (or)
+    style_of: ShapeId  # id of a shape
+    source: Source = Field(default=None, alias="from")  # its parts to take; None: those that correspond
+    weight: Weight = 1.0  # 0: the style stays, 1: it becomes the other's
+    mirror: Switch = True  # parts that mirror these take the style of the parts that correspond to them
+    repeat: Switch = True  # parts that repeat these do so, too
+
+
 class Style(_Operation):
     """Take a style by its latent code."""
 
@@ -163,11 +179,11 @@ class Redo(_Operation):
     op: Literal["redo"] = "redo"
 
 
-Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Style | Build | Harmonise | Undo | Redo
+Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Mix | Style | Build | Harmonise | Undo | Redo
 Script = tuple[Operation, ...]
 KINDS: dict[str, type[BaseModel]] = {
     kind.model_fields["op"].default: kind
-    for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Style, Build, Harmonise, Undo, Redo)
+    for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Mix, Style, Build, Harmonise, Undo, Redo)
 }
 
 _SCRIPT: TypeAdapter[Script] = TypeAdapter(
@@ -229,7 +245,7 @@ def _refusal(failure: ValidationError) -> str:
 
 def _field(kind: str, where: tuple[int | str, ...], error: str, came: Any) -> str:
     """What is wrong with a field of an operation."""
-    fields = KINDS[kind].model_fields
+    fields = {field.alias or name: field for name, field in KINDS[kind].model_fields.items()}
     path = _short(".".join(map(str, where)), _printable)
     field = fields.get(str(where[0])) if where else None
     if field is None or (error == "missing" and len(where) == 1):

@@ -5,19 +5,33 @@ from difflib import get_close_matches
 from functools import cached_property
 
 import torch
-from numpy import ndarray
+from jaxtyping import Float
+from torch import Tensor
 
 from cagesdf.cuboid import Cage
 from cagesdf.editing.operations import edited
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
+from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
-from cagesdf.extraction import LOOSE, METHODS, SYMMETRIES, USUAL, Each, Extraction, Fineness, LiveSurface, field_of
+from cagesdf.extraction import (
+    LOOSE,
+    METHODS,
+    SYMMETRIES,
+    USUAL,
+    CageField,
+    Each,
+    Extraction,
+    Fineness,
+    LiveSurface,
+    field_of,
+)
 from cagesdf.frames import Similarity
 from cagesdf.io.exports import Model
 from cagesdf.io.runs import Run
 from cagesdf.meshes import Mesh
+from cagesdf.models.codes import part_codes
 from cagesdf.solid import CUBE_FACES
 from cagesdf.structure.base import Structure
 
@@ -29,9 +43,10 @@ class Session:
         self.run = run
 
     @cached_property
-    def styles(self) -> dict[str, ndarray]:
-        """The latents of all shapes at rest, by shape id."""
-        return {shape_id: self.run.latent(shape_id, 0).cpu().numpy() for shape_id in sorted(self.run.sequences)}
+    def styles(self) -> Styles:
+        """The styles of all shapes, sorted by id."""
+        shapes = {shape_id: self.opened(shape_id) for shape_id in sorted(self.run.sequences)}
+        return Styles(shapes, self.run.decoder.code_dim is not None)
 
     def opened(self, shape_id: str, step: int = 0) -> State:
         """One step of a shape's sequence, as it was trained on. Raises InputError if there is none."""
@@ -84,8 +99,26 @@ class Live:
 
     def surface(self, state: State) -> Extraction:
         """The surface of a state, canonical: closed, outward and within its cuboids, or without faces."""
-        latent = torch.from_numpy(state.latent).to(self._run.latents.values.device)
-        return self._live.surface(field_of(self._run.decoder, latent, state.cage, state.seen))
+        return self._live.surface(state_field(self._run, state))
+
+
+def state_field(run: Run, state: State) -> CageField:
+    """The field of a state: its parts have the codes of its latent, but for those with a style of their own."""
+    device = run.latents.values.device
+    field = field_of(run.decoder, torch.from_numpy(state.latent).to(device), state.cage, state.seen)
+    codes = field.codes.clone()
+    # Parts of one other shape come from one evaluation of its cage.
+    known: dict[tuple[bytes, bytes], Float[Tensor, "p k"]] = {}
+    for part, steps in state.part_styles.items():
+        row = state.cage.part_ids.index(part)
+        for step in steps:
+            cage = step.cage or state.seen
+            key = step.latent.tobytes(), cage.vectors().tobytes()
+            if key not in known:
+                known[key] = part_codes(run.decoder, torch.from_numpy(step.latent).to(device), cage)
+            # At both ends of the way, lerp gives the end itself, to the last bit.
+            codes[row] = torch.lerp(codes[row], known[key][cage.part_ids.index(step.part)], step.weight)
+    return CageField(run.decoder, codes, field.cage)
 
 
 def model_of(found: Extraction, state: State) -> Model:

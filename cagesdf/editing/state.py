@@ -1,6 +1,7 @@
 """A shape while it is edited, and what it was before."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -13,6 +14,16 @@ from cagesdf.structure.base import Structure
 
 
 @dataclass(frozen=True, eq=False)
+class PartStyle:
+    """A step of one part's code towards the code of another shape's part."""
+
+    latent: Float32[ndarray, " d"]  # of the other shape
+    cage: Cage | None  # canonical, that the code is made from; None: the edited shape's own, `State.seen`
+    part: str  # of that cage
+    weight: float  # 0: the code stays, 1: it becomes the other's
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """All that a surface follows from but the network."""
 
@@ -22,6 +33,8 @@ class State:
     latent: Float32[ndarray, " d"]
     similarity: Similarity  # raw → canonical: raw is the frame that operations speak of
     stretch: Float[ndarray, " 3"]  # of the whole since it was opened, along the canonical axes
+    # By id, for parts with a style of their own: steps from the code that latent and `seen` give, in order.
+    part_styles: Mapping[str, tuple[PartStyle, ...]] = field(default_factory=dict)
 
     @staticmethod
     def opened(cage: Cage, structure: Structure, latent: Float32[ndarray, " d"], similarity: Similarity) -> "State":

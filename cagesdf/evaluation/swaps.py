@@ -5,7 +5,7 @@ size. They are made into the cuboids that the network is given. These may be tur
 axis against the recipe's own, because nothing about such a part says how its cuboid should lie.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -49,17 +49,27 @@ def swaps_of(recipes: Mapping[str, Recipe], sequences: Mapping[str, Sequence]) -
 
 
 def swap_trials(
-    shape: Shape, rest: Cage, styled: Shape, styled_rest: Cage, recipes: Mapping[str, Recipe]
+    shape: Shape,
+    rest: Cage,
+    styled: Shape,
+    styled_rest: Cage,
+    recipes: Mapping[str, Recipe],
+    parts: Container[str] | None = None,
 ) -> tuple[Trial, Trial]:
     """The cuboids of `shape` at rest with the style of `styled`, of its family: `swap`, then `warp`.
 
     Their true surfaces are the recipe's, and the parts of `styled` warped from its cuboids, `styled_rest`, into these:
-    what is right, and what deformation sequences teach.
+    what is right, and what deformation sequences teach. With `parts`, these alone take the style (a mix).
     """
     recipe = recipes[shape.shape_id]
     own, other = (in_style(shape, rest, recipe, recipes[name].style) for name in (shape.shape_id, styled.shape_id))
+    if parts is not None:
+        other = [b if part_id in parts else a for part_id, a, b in zip(rest.part_ids, own, other)]
     different = {part_id: differ(a, b) for part_id, a, b in zip(rest.part_ids, own, other)}
     warped, taken = box_warp(styled, styled_rest, shape, rest)
+    if parts is not None:
+        of_shape = dict(zip(rest.part_ids, own))
+        warped = [mesh if part_id in parts else of_shape[part_id] for part_id, mesh in zip(taken, warped)]
     of_part = np.array([different[part_id] for part_id in rest.part_ids])
     of_warped = np.array([different[part_id] for part_id in taken])
     key = {"name": styled.shape_id, "style_of": styled.shape_id}

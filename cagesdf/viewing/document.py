@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
-from cagesdf.editing.operations import Styles, apply, edited
+from cagesdf.editing.operations import apply, edited
 from cagesdf.editing.script import MAX_OPERATIONS, Operation, Redo, Script, Undo
 from cagesdf.editing.state import History, State
+from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
 
 

@@ -41,7 +41,7 @@ def opened(
     session = Session(trained)
     first = shape or min(trained.sequences)
     session.opened(first)
-    codes = np.stack([*session.styles.values()]).astype(np.float64)
+    codes = session.styles.latents().astype(np.float64)
     known = Known.of(trained, read_residuals(run))
     return Opened(
         session, StyleSpace.of(codes, DIRECTIONS), _generator(run, programs), _truths(run, shapes),

@@ -28,12 +28,13 @@ class Actions:
     undo: Callable[[], None]
     redo: Callable[[], None]
     reset: Callable[[], None]
-    select: Callable[[str], None]  # a part's name
+    select: Callable[[str], None]  # a part's name, or the label of several
     place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
     redraw: Callable[[], None]  # what is shown changed, not the shape
     set_parameter: Callable[[str, float], None]
     blend: Callable[[str, float], None]
+    mix: Callable[[str, float], None]  # into the parts that are selected
     direct: Callable[[int, float], None]  # number of a principal direction, standard deviations
     surprise: Callable[[float], None]  # temperature
     generate: Callable[[float], None]  # temperature
@@ -64,6 +65,8 @@ class Panel:
     value: Any
     style: Any
     weight: Any
+    part_style: Any
+    part_weight: Any
     temperature: Any
     directions: list[Any]
 
@@ -73,6 +76,7 @@ class Panel:
         actions: Actions,
         shapes: Sequence[str],
         directions: int,
+        by_part: bool,
         generates: bool,
         has_truth: bool,
         guard: Callable[[Callable[[], None]], None],
@@ -95,7 +99,7 @@ class Panel:
         with tabs.add_tab("Cuboids"):
             self._cuboids(actions, has_truth)
         with tabs.add_tab("Style"):
-            self._style(actions, shapes, directions)
+            self._style(actions, shapes, directions, by_part)
         with tabs.add_tab("New"):
             self._new(actions, generates)
         with tabs.add_tab("File"):
@@ -124,13 +128,19 @@ class Panel:
         self._on(self.value, lambda: actions.set_parameter(self.parameter.value, self.value.value))
         self._values: Mapping[str, float] = {}
 
-    def _style(self, actions: Actions, shapes: Sequence[str], directions: int) -> None:
+    def _style(self, actions: Actions, shapes: Sequence[str], directions: int, by_part: bool) -> None:
         gui = self._gui
         self.style = gui.add_dropdown("Style of", (NOTHING, *shapes))
         self.weight = gui.add_slider("Towards it", 0.0, 1.0, 0.01, 1.0)
         blend = lambda: actions.blend(self.style.value, self.weight.value)  # noqa: E731
         self._on(self.style, blend)
         self._on(self.weight, blend)
+        with gui.add_folder("Selected parts", visible=by_part):
+            self.part_style = gui.add_dropdown("Their style of", (NOTHING, *shapes))
+            self.part_weight = gui.add_slider("Their way to it", 0.0, 1.0, 0.01, 1.0)
+        mix = lambda: actions.mix(self.part_style.value, self.part_weight.value)  # noqa: E731
+        self._on(self.part_style, mix)
+        self._on(self.part_weight, mix)
         self.directions = [gui.add_slider(f"Direction {i + 1}", -PLACES, PLACES, 0.05, 0.0) for i in range(directions)]
         for i, slider in enumerate(self.directions):
             self._on(slider, partial(lambda i, slider: actions.direct(i, slider.value), i, slider))
@@ -176,7 +186,7 @@ class Panel:
             self._gui.add_button(label).on_click(lambda _: self._guard(take))
 
     def show_parts(self, names: Sequence[str], selected: str | None) -> None:
-        """The parts there are, and the one selected."""
+        """The parts there are and the labels that several share, and the one part selected."""
         self.part.options = (NOTHING, *names)
         self.part.value = selected or NOTHING
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,8 +16,8 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation as Turn
 
 from cagesdf.cuboid import Cage
-from cagesdf.editing.parts import parameters, part_names
-from cagesdf.editing.script import Axis, Blend, Build, End, Move, Operation, Resize, Rotate, Set, Style, dump
+from cagesdf.editing.parts import parameters, part_names, select
+from cagesdf.editing.script import Axis, Blend, Build, End, Mix, Move, Operation, Resize, Rotate, Set, Style, dump
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
@@ -94,6 +95,7 @@ class Tab:
                 redraw=self._redraw,
                 set_parameter=self._set,
                 blend=self._blend,
+                mix=self._mix,
                 direct=self._direct,
                 surprise=self._surprise,
                 generate=self._generate,
@@ -106,6 +108,7 @@ class Tab:
             ),
             sorted(opened.session.run.sequences),
             len(opened.styles.directions),
+            opened.session.styles.by_part,
             opened.generator is not None,
             opened.truth(opened.first) is not None,
             self._guarded,
@@ -153,7 +156,8 @@ class Tab:
         self._stage.show_gizmo(centre if shown else None, axes)
         one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
         self._stage.show_handles(one if shown else None)
-        self._panel.show_parts([*names.values()], label_of(names, self._selected) if one is not None else None)
+        groups = [label for label, count in Counter(state.structure.labels().values()).items() if label and count > 1]
+        self._panel.show_parts([*names.values(), *groups], label_of(names, self._selected) if one is not None else None)
         unit = state.similarity
         self._panel.show_cuboid(
             None if one is None else unit.to_raw(one.centre[None])[0], None if one is None else one.size / unit.scale
@@ -177,8 +181,7 @@ class Tab:
         self._guarded(lambda: self._select(clicked(parts, self._selected, more)))
 
     def _choose(self, name: str) -> None:
-        parts = {own: part for part, own in part_names(self._document.state.structure).items()}
-        self._select((parts[name],) if name in parts else ())
+        self._select(() if name == NOTHING else select(self._document.state.structure, name))
 
     def _select(self, parts: tuple[str, ...]) -> None:
         self._selected = parts
@@ -317,6 +320,14 @@ class Tab:
     def _blend(self, shape_id: str, weight: float) -> None:
         if shape_id != NOTHING:
             self._do(Blend(style_of=shape_id, weight=weight), ("blend", shape_id))
+
+    def _mix(self, shape_id: str, weight: float) -> None:
+        if shape_id == NOTHING:
+            return
+        if not self._selected:
+            raise InputError("no part is selected; click those that are to take the style")
+        mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, mirror=self._mirror, repeat=self._repeat)
+        self._do(mix, ("mix", self._selected, shape_id))
 
     def _direct(self, direction: int, place: float) -> None:
         code = self._opened.styles.moved(self._document.state.latent, direction, place)

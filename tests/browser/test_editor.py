@@ -10,14 +10,16 @@ import pytest
 import trimesh
 
 from browser.page import Camera, EditorPage
-from cagesdf.cli.surfaces import edit
+from cagesdf.cli.surfaces import edit, mix
 from cagesdf.cli.viewing import DEMO
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.links import mirrors
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
+from cagesdf.formats.obj import read_obj_groups
 from cagesdf.io.runs import read_run
+from cagesdf.meshes import is_closed
 from cagesdf.viewing.picking import along, entries
 from cagesdf.viewing.scene import GIZMO_SIZE, handle_place
 from cagesdf.viewing.server import Editor
@@ -203,6 +205,55 @@ def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session
     assert [operation["op"] for operation in page.script(tmp_path)] == ["style"]
 
 
+def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_to_the_last_bit(
+    visit: Visit, session: Session, tmp_path: Path
+) -> None:
+    page = visit()
+    state, before = state_of(session, page), page.settled()
+    legs = {name for part, name in part_names(state.structure).items() if state.structure.labels()[part] == "leg"}
+    other = next(
+        shape_id
+        for shape_id, shape in session.styles.shapes.items()
+        if "leg" in shape.structure.labels().values() and shape.structure.signature() != state.structure.signature()
+    )
+    page.tab("File")
+    page.choose("Format", "obj")
+    parts = dict(read_obj_groups(page.download("Export", tmp_path)))
+    page.tab("Style")
+    page.choose("Their style of", other)
+    page.until(lambda: "no part is selected" in page.status, "what is missing")
+    page.choose("Their style of", "–")
+    page.tab("Cuboids")
+    page.choose("Part", "leg")
+    page.until(lambda: page.status == f"selected: {', '.join(sorted(legs))}", "all legs selected")
+    page.tab("Style")
+    page.choose("Their style of", other)
+    after = page.settled(before)
+    page.picture("mixed")
+    assert [operation["op"] for operation in page.script(tmp_path)] == ["mix"]
+    mixed = page.download("Export", tmp_path)
+    of_mixed = dict(read_obj_groups(mixed))
+    assert of_mixed.keys() == parts.keys()
+    assert all(is_closed(mesh) for mesh in of_mixed.values())
+    assert legs == {
+        name
+        for name, mesh in of_mixed.items()
+        if (mesh.vertices.tobytes(), mesh.faces.tobytes())
+        != (parts[name].vertices.tobytes(), parts[name].faces.tobytes())
+    }
+    mix(DEMO / "run", page.value("Shape"), [f"leg={other}"], tmp_path / "command.obj")
+    assert (tmp_path / "command.obj").read_bytes() == mixed.read_bytes()
+    page.choose("Format", "ply")
+    assert trimesh.load(page.download("Export", tmp_path)).is_watertight
+    page.tab("Style")
+    page.slide("Their way to it", 0.5)
+    half = page.settled(after)
+    assert [operation["weight"] for operation in page.script(tmp_path)] == [0.5]
+    assert half not in (before, after)
+    page.press("Undo")
+    page.until(lambda: page.surface == before, "the surface of before")
+
+
 def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_the_same(
     visit: Visit, session: Session, tmp_path: Path
 ) -> None:
@@ -213,7 +264,7 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     page.set_number("Lengths", 0, float(page.numbers("Lengths")[0] * 1.2))
     first = page.settled(opened)
     page.tab("Style")
-    page.choose("Style of", sorted(session.styles)[-1])
+    page.choose("Style of", max(session.styles.shapes))
     after = page.settled(first)
     page.tab("File")
     page.choose("Format", "ply")

@@ -1,0 +1,136 @@
+"""What mixing by part is worth, against both truths: the table of docs/styles.md.
+
+    OMP_NUM_THREADS=1 python benchmarks/mixing.py [data] [--category chair] [--mixes 24] [--resolution 64]
+
+reads the default run's raw files, shapes, sequences and arm `cagesdf`. Two shapes of a family and a label whose parts
+differ between their styles are drawn; the first shape takes the second one's style in the parts of that label. The gain
+is that of docs/metrics.md, on the detail of these parts: by the recipe's truth and by the box-warp's, for
+
+partner    codes of the corresponding parts of the second shape, in its own cage: what `mix` does
+context    codes that the network has for the second shape's latent in the first one's cage
+swap       the whole shape swapped, of which the same parts are measured
+box_warp   the second shape's parts deformed into the cuboids, without a network
+
+and how many parts that were not mixed are the same to the last bit, in codes and surfaces.
+"""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from cagesdf.cuboid import Sequence
+from cagesdf.editing.script import Mix, Swap
+from cagesdf.editing.session import Session, state_field
+from cagesdf.editing.state import State
+from cagesdf.evaluation.edits import measure
+from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.swaps import swap_trials, swaps_of
+from cagesdf.evaluation.trials import Trial
+from cagesdf.extraction import Extraction
+from cagesdf.io.runs import read_run
+from cagesdf.io.sequences import read_sequences
+from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.meshes import Mesh
+from cagesdf.solid import union
+from cagesdf.synthesis.recipe import Recipe
+from cagesdf.synthesis.writing import read_recipes
+
+POINTS, DETAIL = 3000, 0.005  # as the default run's make_trials
+
+
+def in_context(state: State) -> State:
+    """The mixed parts with the codes that the network has for their styles in this cage."""
+    mixed = {
+        part: tuple(replace(step, cage=None, part=part) for step in steps) for part, steps in state.part_styles.items()
+    }
+    return replace(state, part_styles=mixed)
+
+
+class Mixes:
+    """Mixes of one category, drawn and measured."""
+
+    def __init__(self, data: Path, category: str, resolution: int) -> None:
+        self.session = Session(read_run(data / "runs" / category / "cagesdf"))
+        self.resolution = resolution
+        self.shapes: ShapeFolder = read_shapes(data / "shapes" / category)
+        self.sequences: Mapping[str, Sequence] = read_sequences(data / "sequences" / category)
+        self.recipes: Mapping[str, Recipe] = read_recipes(data / "raw" / category)
+
+    def figures(self, pair: tuple[str, str], rng: np.random.Generator) -> dict[str, dict[str, float]] | None:
+        """By method and truth the gain of one mix; None where no label that not all parts have shows the style."""
+        shape, styled = (self.shapes.read(shape_id) for shape_id in pair)
+        rest, styled_rest = (self.sequences[shape_id].cages[0] for shape_id in pair)
+        opened = self.session.opened(pair[0])
+        labels = opened.structure.labels()
+        words = sorted(set(labels.values()))
+        for label in rng.permutation(words).tolist() if len(words) > 1 else []:
+            mixed = self.session.edited(opened, (Mix(part=label, style_of=pair[1]),)).present
+            swap, warp = swap_trials(shape, rest, styled, styled_rest, self.recipes, mixed.part_styles)
+            if swap.changed.any():
+                break
+        else:
+            return None
+        live = self.session.live(self.resolution)
+        before, found = live.surface(opened), live.surface(mixed)
+        surfaces = {
+            "unchanged": union([part.mesh for part in shape.parts]),
+            "partner": found.mesh,
+            "context": live.surface(in_context(mixed)).mesh,
+            "swap": live.surface(self.session.edited(opened, (Swap(style_of=pair[1]),)).present).mesh,
+            "box_warp": warp.truth,
+        }
+        truths = {"recipe": swap, "warp": warp}
+        result = {
+            name: {truth: gain(mesh, trial) for truth, trial in truths.items()} for name, mesh in surfaces.items()
+        }
+        for name in [name for name in result if name != "unchanged"]:
+            result[name] = {truth: 1 - result[name][truth] / result["unchanged"][truth] for truth in truths}
+        self.check_rest(opened, mixed, before, found)
+        return result
+
+    def check_rest(self, opened: State, mixed: State, before: Extraction, after: Extraction) -> None:
+        """Parts that were not mixed must be the same to the last bit."""
+        codes = [state_field(self.session.run, state).codes for state in (opened, mixed)]
+        for i, part in enumerate(opened.cage.part_ids):
+            same = torch.equal(codes[0][i], codes[1][i])
+            assert same != (part in mixed.part_styles), part
+            if same:
+                a, b = before.parts[part], after.parts[part]
+                assert a.vertices.tobytes() == b.vertices.tobytes(), part
+                assert a.faces.tobytes() == b.faces.tobytes(), part
+
+
+def gain(mesh: Mesh, trial: Trial) -> float:
+    """The distance on the detail of changed parts, of which gains are made, in % of the longest side."""
+    truth = Truth(trial.truth, trial.cage, DETAIL)
+    return measure(mesh, trial, truth, POINTS, np.random.default_rng(0))["distance_detail"]
+
+
+def main(data: Path, category: str, count: int, resolution: int) -> None:
+    torch.set_num_threads(1)
+    mixes, rng = Mixes(data, category, resolution), np.random.default_rng(0)
+    found: list[dict[str, dict[str, float]]] = []
+    for pair in rng.permutation(swaps_of(mixes.recipes, mixes.sequences)).tolist():
+        if len(found) < count and (figures := mixes.figures((pair[0], pair[1]), rng)):
+            found.append(figures)
+    print(f"{category}: {len(found)} mixes; all parts that were not mixed are the same to the last bit\n")
+    print("| codes | gain, recipe | nearer | gain, warp | nearer |")
+    print("|---|---|---|---|---|")
+    for name in ("partner", "context", "swap", "box_warp"):
+        gains = {truth: np.array([figures[name][truth] for figures in found]) for truth in ("recipe", "warp")}
+        cells = [f"{np.nanmedian(own):.3f} | {int((own > 0).sum())}" for own in gains.values()]
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, nargs="?", default=Path("data"))
+    parser.add_argument("--category", default="chair")
+    parser.add_argument("--mixes", type=int, default=24)
+    parser.add_argument("--resolution", type=int, default=64)
+    arguments = parser.parse_args()
+    main(arguments.data, arguments.category, arguments.mixes, arguments.resolution)
