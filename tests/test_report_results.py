@@ -1,0 +1,56 @@
+"""The results in the documentation are the committed figures: no number was typed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cagesdf.report.results import readme_table, results_page, with_readme_table
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def tables() -> Any:
+    return json.loads((ROOT / "data/metrics/tables.json").read_text(encoding="utf-8"))
+
+
+def rows(markdown: str) -> list[list[str]]:
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in markdown.splitlines() if line.startswith("|")
+    ]
+
+
+def test_the_results_page_is_made_from_the_committed_figures(tables: Any) -> None:
+    assert (ROOT / "docs/results.md").read_text(encoding="utf-8") == results_page(tables)
+
+
+def test_the_readmes_table_is_made_from_the_committed_figures(tables: Any) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert with_readme_table(readme, tables) == readme
+    assert readme.count("\n") <= 150
+
+
+def test_each_row_of_the_readmes_table_has_as_many_cells_as_its_head(tables: Any) -> None:
+    head, _, *body = rows(readme_table(tables))
+    assert {len(row) for row in body} == {len(head)} == {1 + 2 * len(tables["table1"])}
+    assert body[0][0] == "`cagesdf`"
+
+
+def test_a_changed_figure_changes_its_cell_alone(tables: Any) -> None:
+    changed = json.loads(json.dumps(tables))
+    changed["table1"]["chair"]["deepsdf"]["surface_distance"] |= {"mean": 12.345, "std": 0.5}
+    before, after = rows(readme_table(tables)), rows(readme_table(changed))
+    cells = zip([cell for row in before for cell in row], [cell for row in after for cell in row], strict=True)
+    assert [new for old, new in cells if old != new] == [f"{12.345:.2f} ± 0.50"]
+
+
+def test_what_was_not_measured_is_a_dash(tables: Any) -> None:
+    deepsdf = next(row for row in rows(readme_table(tables)) if row[0] == "`deepsdf`")
+    assert deepsdf[1 + len(tables["table1"]) :] == ["–"] * len(tables["table1"])
+
+
+def test_a_readme_without_a_place_for_the_table_is_refused(tables: Any) -> None:
+    with pytest.raises(ValueError, match="one pair of comments"):
+        with_readme_table("# cagesdf\n", tables)
