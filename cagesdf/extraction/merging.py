@@ -14,7 +14,7 @@ from cagesdf.extraction.marching import Marched
 
 STRIDES = (2, 1)  # of the points that vertices gather around, in steps
 # Chords between merged vertices may leave the surface by about this, in steps: that bounds the spread of normals.
-SAG = 0.035
+SAG = 0.028
 
 
 def merged(marched: Marched, lattice: Lattice) -> Marched:
@@ -40,12 +40,12 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
 
 
 def normal_sums(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, "3 f"]) -> Float[ndarray, "4 v"]:
-    """Of the faces around each vertex: their normals times twice their areas, summed, and these areas."""
+    """Of the faces whose first corner each vertex is: their normals times twice their areas, summed, and these areas."""
     (ax, ay, az), b, c = (vertices[corner].T for corner in corners)
     (ux, uy, uz), (vx, vy, vz) = (b[0] - ax, b[1] - ay, b[2] - az), (c[0] - ax, c[1] - ay, c[2] - az)
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     rows = (x, y, z, np.sqrt(x * x + y * y + z * z))
-    return np.stack([sum(np.bincount(corner, row, len(vertices)) for corner in corners) for row in rows])
+    return np.stack([np.bincount(corners[0], row, len(vertices)) for row in rows])
 
 
 def flat_discs(

@@ -99,7 +99,9 @@ class LiveSurface:
         """
         keys = field.keys()
         known = self._before | self._last
-        unknown = {key: k for k, key in enumerate(keys) if key not in known}
+        # The largest first, so that no thread is left alone with it.
+        order = sorted(range(len(keys)), key=lambda k: -field.cage.size[k].prod())
+        unknown = {keys[k]: k for k in order if keys[k] not in known}
         found = self.each(lambda k: part_of(field, k, self.cell, self.fineness, self.method), unknown.values())
         new = dict(zip(unknown, found))
         parts = [(known | new)[key] for key in keys]
