@@ -24,6 +24,8 @@ import manifold3d
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from cagesdf.coverage import REACH, lost_areas
 from cagesdf.cuboid import Cage
@@ -55,6 +57,9 @@ NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no 
 ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
 OFFSET = 0.002  # canonical units: from a sheet to its wrap
 TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
+FLAT = 2e-5  # canonical units: a region is flat if its vertices lie within so much along its normal
+CREASE = 30.0  # degrees; sharper edges end a smooth region
+MAX_PRISMS = 500  # of a part; one with more smooth regions is wrapped as a whole
 MAX_PIECES = 5000  # of a part, each closed for itself
 MAX_OPEN_EDGES = 20_000  # of a piece, whose holes are filled
 MAX_FACES = 200_000  # that are wrapped, or untangled
@@ -419,11 +424,55 @@ def _fill(vertices: Float[ndarray, "v 3"], rims: list[Int[ndarray, " _"]]) -> In
 def wrap(mesh: Mesh) -> Mesh:
     """A closed surface around any mesh, TIGHT away from it; sheets become plates twice as thick.
 
-    CGAL's alpha wrap at OFFSET, then each vertex drawn towards its nearest point on the mesh:
-    the wrap itself can't be made so near without millions of faces. Canonical frame. Raises
-    NotSolidError if the mesh has more than MAX_FACES faces or the wrap takes longer than
-    SECONDS, InputError with the line that installs them if system libraries are missing.
+    Flat regions become prisms, exact also where they meet. The rest gets CGAL's alpha wrap at OFFSET, each vertex drawn
+    towards its nearest point on the mesh: the wrap itself can't be made so near without millions of faces, and
+    fills the corners in which sheets meet. Canonical frame. Raises NotSolidError if the rest has more than MAX_FACES
+    faces or its wrap takes longer than SECONDS, InputError with the line that installs system libraries if they are
+    missing.
     """
+    regions = _smooth_regions(mesh)
+    prisms = [_prism(region) for region in regions] if len(regions) <= MAX_PRISMS else []
+    flat = [prism for prism in prisms if prism is not None]
+    if not flat:
+        return _alpha_wrap(mesh)
+    rest = [region for region, prism in zip(regions, prisms) if prism is None]
+    return union([*flat, _alpha_wrap(join(rest))] if rest else flat)
+
+
+def _smooth_regions(mesh: Mesh) -> list[Mesh]:
+    """Faces that edges of exactly two faces, no sharper than CREASE, hold together; those of a region turned alike."""
+    faces, _ = igl.bfs_orient(mesh.faces.astype(np.int64))
+    oriented = Mesh(mesh.vertices, faces.astype(np.int32))
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    edge = np.minimum(tail, head) * len(mesh.vertices) + np.maximum(tail, head)
+    order = np.argsort(edge, kind="stable")
+    _, first, uses = np.unique(edge[order], return_index=True, return_counts=True)
+    pairs = order[first[uses == 2, None] + [0, 1]] // 3  # of faces
+    normals = face_normals(oriented)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    cosine = np.einsum("ex,ex->e", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    smooth = pairs[cosine > np.cos(np.radians(CREASE))]
+    links = coo_array((np.ones(len(smooth), bool), smooth.T), (len(faces), len(faces)))
+    return _split(oriented, connected_components(links, directed=False)[1].astype(np.int64))
+
+
+def _prism(region: Mesh) -> Mesh | None:
+    """A flat region with TIGHT on either side; None if it isn't flat, or touches itself in a vertex."""
+    normal = face_normals(region).sum(0)
+    normal /= max(float(np.linalg.norm(normal)), 1e-300)
+    if not normal.any() or np.ptp(region.vertices @ normal) > FLAT:
+        return None
+    count, faces = len(region.vertices), region.faces
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    rim = ~np.isin(tail.astype(np.int64) * count + head, head.astype(np.int64) * count + tail)
+    a, b = tail[rim], head[rim]
+    sides = np.concatenate([np.stack([b, a, a + count], axis=1), np.stack([b, a + count, b + count], axis=1)])
+    vertices = np.concatenate([region.vertices + TIGHT * normal, region.vertices - TIGHT * normal])
+    prism = Mesh(vertices, np.concatenate([faces, faces[:, ::-1] + count, sides]).astype(np.int32))
+    return prism if is_closed(prism) and as_manifold(prism).status() == manifold3d.Error.NoError else None
+
+
+def _alpha_wrap(mesh: Mesh) -> Mesh:
     if len(mesh.faces) > MAX_FACES:
         raise NotSolidError(
             f"{len(mesh.faces):,} of its faces have no thickness, at most {MAX_FACES:,} get one; simplify it"

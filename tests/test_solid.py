@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import NotSolidError
-from cagesdf.meshes import Mesh, is_closed, join, signed_volume, weld
+from cagesdf.meshes import Mesh, is_closed, join, sample_surface, signed_volume, weld
 from cagesdf.solid import (
     METHODS,
     TIGHT,
@@ -254,9 +254,46 @@ def test_what_is_too_much_to_close_piece_by_piece_is_wrapped(limit: str, monkeyp
 
 def test_more_sheets_than_can_be_wrapped_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cagesdf.solid.MAX_FACES", 1)
-    sheet = Mesh(BOX.vertices, BOX.faces[:1])
+    corners = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0.04], [0, 0.3, 0]])
+    bent = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     with pytest.raises(NotSolidError, match="2 of its faces have no thickness, at most 1"):
-        solid(join([sheet, sheet.with_vertices(sheet.vertices + 0.2)]))
+        solid(bent)
+
+
+def boards(seed: int) -> Mesh:
+    """Two flat sheets of different triangulations that cross, or of which one ends on the other, in any pose."""
+    rng = np.random.default_rng(seed)
+    floor = grid_sheet(*rng.integers(1, 6, 2))
+    angle = rng.uniform(0.6, np.pi - 0.6)
+    turned = np.array([[np.cos(angle), np.sin(angle), 0], [0, 0, 1], [np.sin(angle), -np.cos(angle), 0]])
+    low = rng.choice([0.0, -0.3])
+    wall = grid_sheet(*rng.integers(1, 6, 2))
+    wall = wall.with_vertices(
+        (wall.vertices * [0.6, 0.9, 1] + [0.3 + low, 0, 0]) @ turned + [rng.uniform(-0.2, 0.2), 0, 0]
+    )
+    pose = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    both = join([floor, wall])
+    return both.with_vertices(both.vertices @ pose)
+
+
+def grid_sheet(across: int, along: int) -> Mesh:
+    """A rectangle in xy about the origin, 1 by 1, of 2 × across × along triangles."""
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, across + 1), np.linspace(-0.5, 0.5, along + 1), indexing="ij")
+    ids = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = (part.ravel() for part in (ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]).astype(np.int32)
+    return Mesh(np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), faces)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_flat_sheets_that_meet_keep_their_corners(seed: int) -> None:
+    mesh = boards(seed)
+    result = make_solid(mesh, 1e-5, 1e-4)
+    assert (result.method, result.lost) == ("wrapped", 0)
+    points, _ = sample_surface(mesh, 2000, np.random.default_rng(0))
+    beside = SurfaceDistance(result.mesh).unsigned(points) > 2 * TIGHT
+    assert beside.mean() < 0.003, "only the line in which they cross lies deeper"
+    assert SurfaceDistance(mesh).unsigned(result.mesh.vertices).max() < 4 * TIGHT
 
 
 def test_thousands_of_solids_in_one_part_stay_as_they_are() -> None:
