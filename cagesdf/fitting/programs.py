@@ -23,7 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
-from scipy.optimize import linprog
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csc_array, eye_array, hstack
 
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
@@ -39,6 +40,7 @@ CLIFF = 2e-3  # a shorter step that raises the loss by much more than it should 
 JUMPS = 3  # across one, at most
 STEPS = 60  # at most
 GAIN = 3e-4  # a smaller share of the loss is not worth another step
+REACHED = 1e-5  # above the loss of the boxes themselves: nearer to it nothing is worth another step
 DAMPING = 1e-4  # price of changing a parameter by one: those without effect stay as they are
 PRICE = 100.0  # of each unit by which a part sticks out; more than any change of a leaf by so much may cost
 STILL = 1e-9  # slopes below this are none
@@ -164,20 +166,26 @@ class _Problem:
 
     Executing is not continuous: a corner that leaves its neighbour makes a cuboid grow. Where a descent ends
     at such a cliff, it is tried again from the other side.
+
+    No leaves have a lower loss than the boxes themselves: a penalty is no steeper than the distance, or 0 there.
+    Many programs can execute to them, and nothing is sought once that is found.
     """
 
     boxes: Float[ndarray, "p 15"]
     penalty: _Penalty
     lowest: Float[ndarray, " t"]  # of each parameter
 
-    def minimise(self, program: AssemblyProgram, radius: float) -> _State:
-        """The best state that is found from a program; no parameter changes by more than `radius` in the first step."""
-        best, beyond = self._descend(self._state(program), radius)
-        for _ in range(JUMPS):
-            if beyond is None:
-                break
-            found, beyond = self._descend(beyond, radius)
-            best = min(best, found, key=lambda state: state.loss)
+    def minimise(self, program: AssemblyProgram) -> _State:
+        """The best state that is found from a program."""
+        start = best = self._state(program)
+        enough = self.penalty(self.boxes).value + REACHED
+        for radius in RADII:
+            beyond: _State | None = start
+            for _ in range(1 + JUMPS):
+                if beyond is None or best.loss < enough:
+                    break
+                found, beyond = self._descend(beyond, radius, enough)
+                best = min(best, found, key=lambda state: state.loss)
         return best
 
     def _state(self, program: AssemblyProgram) -> _State:
@@ -193,8 +201,11 @@ class _Problem:
             return None
         return found if found.vectors[:, 12:].min() > 0 else None
 
-    def _descend(self, state: _State, radius: float) -> tuple[_State, _State | None]:
-        """Lower the loss step by step. If a cliff ends that, also the state beyond it."""
+    def _descend(self, state: _State, radius: float, enough: float) -> tuple[_State, _State | None]:
+        """Lower the loss step by step until it is enough. If a cliff ends that, also the state beyond it.
+
+        No parameter changes by more than `radius` in the first step.
+        """
         jacobian = _jacobian(state.program)
         for _ in range(STEPS):
             if jacobian is None:
@@ -206,7 +217,10 @@ class _Problem:
             trial = self._trial(state, step)
             gain = state.loss - trial.loss if trial else -np.inf
             if trial and gain > 0.1 * expected:
-                state, jacobian = trial, _jacobian(trial.program)
+                state = trial
+                if state.loss < enough:
+                    break
+                jacobian = _jacobian(state.program)
             elif trial and length < CLIFF and gain < -5 * expected:
                 return state, trial
             if gain > 0.75 * expected:
@@ -234,20 +248,17 @@ class _Problem:
         cost = np.concatenate([DAMPING + drift, DAMPING - drift, np.full(2 * m, 1 / p), np.ones(p)])
         down = np.clip(state.program.parameters() - self.lowest, 0, radius)
         upper = np.concatenate([np.full(t, radius), down, np.full(2 * m + p, np.inf)])
-        rows = np.zeros((m + c, len(cost)))
-        rows[:, :t] = np.concatenate([slopes, cuts])
-        rows[:, t : 2 * t] = -rows[:, :t]
-        rows[np.arange(m), 2 * t + np.arange(m)] = -1
-        rows[np.arange(m), 2 * t + m + np.arange(m)] = 1
-        rows[m + np.arange(c), 2 * t + 2 * m + model.parts] = -1
-        found = linprog(
+        moves = csc_array(np.concatenate([slopes, cuts]))
+        penalties = csc_array((np.full(c, -1.0), (m + np.arange(c), model.parts)), shape=(m + c, p))
+        rows = hstack([moves, -moves, -eye_array(m + c, m), eye_array(m + c, m), penalties], format="csc")
+        found = milp(
             cost,
-            A_eq=rows[:m],
-            b_eq=-residual,
-            A_ub=rows[m:],
-            b_ub=-model.heights,
-            bounds=[(0.0, most) for most in upper.tolist()],
-            method="highs-ds",
+            bounds=Bounds(0, upper),
+            constraints=LinearConstraint(
+                rows,
+                np.concatenate([-residual, np.full(c, -np.inf)]),
+                np.concatenate([-residual, -model.heights]),
+            ),
             options={"presolve": False},
         )
         if found.x is None:
@@ -268,7 +279,7 @@ def _jacobian(program: AssemblyProgram) -> Float[ndarray, "p 15 t"] | None:
 
 def _fitted(program: AssemblyProgram, boxes: Cage, penalty: _Penalty) -> AssemblyProgram:
     problem = _Problem(match_axes(boxes, execute(program)).vectors(), penalty, _lowest(program))
-    return min((problem.minimise(program, radius) for radius in RADII), key=lambda state: state.loss).program
+    return problem.minimise(program).program
 
 
 def _lowest(program: AssemblyProgram) -> Float[ndarray, " t"]:
