@@ -35,7 +35,8 @@ from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.program import AssemblyProgram, Attach, Declare, Squeeze, Translate
 
 MIN_LENGTH = 1e-3  # of the lengths that a program declares, its unit
-RADIUS = 0.1  # of the first step: executing is not continuous, and the loss has many minima
+RADIUS = 0.1  # of fitting's first step: executing is not continuous, and the loss has many minima
+BOUNDING_RADIUS = 0.02  # of bounding's, which starts near its end
 MAX_RADIUS = 0.5
 LEAST_RADIUS = 1e-6
 POOR = 0.3  # share of the expected gain: after less a step is bent, and the radius shrinks
@@ -74,7 +75,7 @@ def fit_program(program: AssemblyProgram, boxes: Cage, points: Float[ndarray, "p
     the program's frame and in the order of its leaves. Raises ProgramError if the program as given
     doesn't execute.
     """
-    return _fitted(program, boxes, _Sticking(Hinge(points)))
+    return _fitted(program, boxes, _Sticking(Hinge(points)), RADIUS)
 
 
 def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[ndarray, "_ 3"]]) -> AssemblyProgram:
@@ -84,7 +85,7 @@ def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[
     `fit_program`). Where no parameters do, as little sticks out as can be. Raises ProgramError if the
     program as given doesn't execute.
     """
-    return _fitted(program, boxes, _Overshoot(points))
+    return _fitted(program, boxes, _Overshoot(points), BOUNDING_RADIUS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +178,7 @@ class _Problem:
     boxes: Float[ndarray, "p 15"]
     penalty: _Penalty
     lowest: Float[ndarray, " t"]  # of each parameter
+    radius: float  # by which a parameter may change in the first step
 
     def minimise(self, program: AssemblyProgram) -> _State:
         """The best state that is found from a program."""
@@ -218,7 +220,7 @@ class _Problem:
 
     def _descend(self, state: _State, enough: float) -> tuple[_State, _State | None]:
         """Lower the loss step by step until it is enough. If a cliff ends that, also the state beyond it."""
-        radius, jacobian = RADIUS, _jacobian(state.program)
+        radius, jacobian = self.radius, _jacobian(state.program)
         for _ in range(STEPS):
             if jacobian is None:
                 break
@@ -307,8 +309,8 @@ def _jacobian(program: AssemblyProgram) -> Float[ndarray, "p 15 t"] | None:
         return None
 
 
-def _fitted(program: AssemblyProgram, boxes: Cage, penalty: _Penalty) -> AssemblyProgram:
-    problem = _Problem(match_axes(boxes, execute(program)).vectors(), penalty, _lowest(program))
+def _fitted(program: AssemblyProgram, boxes: Cage, penalty: _Penalty, radius: float) -> AssemblyProgram:
+    problem = _Problem(match_axes(boxes, execute(program)).vectors(), penalty, _lowest(program), radius)
     return problem.minimise(program).program
 
 
