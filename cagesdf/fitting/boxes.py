@@ -153,8 +153,13 @@ class _Hull:
 
     def least_volumes(self, normals: Float[ndarray, "k 3"]) -> Float[ndarray, " k"]:
         """A lower bound on boxes with a face normal to each direction: height × area of the shadow."""
-        shadows = np.abs(normals @ self.normals.T) @ self.areas / 2
-        return np.maximum(self.heights(normals), self.min_size) * shadows
+        bounds = np.empty(len(normals))
+        for start in range(0, len(normals), BATCH):  # what is at work stays in the cache
+            own = normals[start : start + BATCH]
+            facing = own @ self.normals.T
+            shadows = np.abs(facing, out=facing) @ self.areas / 2
+            bounds[start : start + BATCH] = np.maximum(self.heights(own), self.min_size) * shadows
+        return bounds
 
     def boxes_on(self, normals: Float[ndarray, "k 3"], limit: float) -> _Boxes:
         """The boxes, up to a volume, with a face normal to a direction and one along an edge of the outline there."""
