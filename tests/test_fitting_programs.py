@@ -138,7 +138,7 @@ def test_a_step_lowers_the_extrapolated_loss_as_far_as_the_obvious_linear_progra
     program = parse(LEANING)
     boxes, points = parts_of(program, seed, 0.1, 50)
     penalty: _Penalty = _Overshoot(list(points)) if bounding else _Sticking(Hinge(points))
-    problem = _Problem(boxes.vectors(), penalty, np.full(len(program.parameters()), -np.inf), radius)
+    problem = _Problem(boxes.vectors(), penalty, np.full(len(program.parameters()), -np.inf))
     start = problem._state(program)
     jacobian = differentiate(program)[1]
     step, expected = problem._step(start, jacobian, radius)

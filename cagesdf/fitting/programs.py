@@ -35,8 +35,7 @@ from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.program import AssemblyProgram, Attach, Declare, Squeeze, Translate
 
 MIN_LENGTH = 1e-3  # of the lengths that a program declares, its unit
-RADIUS = 0.1  # of fitting's first step: executing is not continuous, and the loss has many minima
-BOUNDING_RADIUS = 0.02  # of bounding's, which starts near its end
+RADII = (0.1, 0.02)  # of the first step: executing is not continuous, and the loss has many minima
 MAX_RADIUS = 0.5
 LEAST_RADIUS = 1e-6
 POOR = 0.3  # share of the expected gain: after less a step is bent, and the radius shrinks
@@ -75,7 +74,7 @@ def fit_program(program: AssemblyProgram, boxes: Cage, points: Float[ndarray, "p
     the program's frame and in the order of its leaves. Raises ProgramError if the program as given
     doesn't execute.
     """
-    return _fitted(program, boxes, _Sticking(Hinge(points)), RADIUS)
+    return _fitted(program, boxes, _Sticking(Hinge(points)))
 
 
 def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[ndarray, "_ 3"]]) -> AssemblyProgram:
@@ -85,7 +84,7 @@ def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[
     `fit_program`). Where no parameters do, as little sticks out as can be. Raises ProgramError if the
     program as given doesn't execute.
     """
-    return _fitted(program, boxes, _Overshoot(points), BOUNDING_RADIUS)
+    return _fitted(program, boxes, _Overshoot(points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,18 +177,20 @@ class _Problem:
     boxes: Float[ndarray, "p 15"]
     penalty: _Penalty
     lowest: Float[ndarray, " t"]  # of each parameter
-    radius: float  # by which a parameter may change in the first step
 
     def minimise(self, program: AssemblyProgram) -> _State:
         """The best state that is found from a program."""
+        start = best = self._state(program)
         enough = self.penalty(self.boxes).value + REACHED
-        best = self._state(program)
-        beyond: _State | None = best
-        for _ in range(1 + JUMPS):
-            if beyond is None or best.loss < enough:
+        for radius in RADII:
+            beyond: _State | None = start
+            for _ in range(1 + JUMPS):
+                if beyond is None or best.loss < enough:
+                    break
+                found, beyond = self._descend(beyond, radius, enough)
+                best = min(best, found, key=lambda state: state.loss)
+            if best is start:  # nor do shorter steps lead from there
                 break
-            found, beyond = self._descend(beyond, enough)
-            best = min(best, found, key=lambda state: state.loss)
         return best
 
     def _state(self, program: AssemblyProgram) -> _State:
@@ -218,9 +219,12 @@ class _Problem:
         again, _ = self._step(replace(state, vectors=state.vectors + bend), jacobian, radius)
         return self._trial(state, again)
 
-    def _descend(self, state: _State, enough: float) -> tuple[_State, _State | None]:
-        """Lower the loss step by step until it is enough. If a cliff ends that, also the state beyond it."""
-        radius, jacobian = self.radius, _jacobian(state.program)
+    def _descend(self, state: _State, radius: float, enough: float) -> tuple[_State, _State | None]:
+        """Lower the loss step by step until it is enough. If a cliff ends that, also the state beyond it.
+
+        No parameter changes by more than `radius` in the first step.
+        """
+        jacobian = _jacobian(state.program)
         for _ in range(STEPS):
             if jacobian is None:
                 break
@@ -309,8 +313,8 @@ def _jacobian(program: AssemblyProgram) -> Float[ndarray, "p 15 t"] | None:
         return None
 
 
-def _fitted(program: AssemblyProgram, boxes: Cage, penalty: _Penalty, radius: float) -> AssemblyProgram:
-    problem = _Problem(match_axes(boxes, execute(program)).vectors(), penalty, _lowest(program), radius)
+def _fitted(program: AssemblyProgram, boxes: Cage, penalty: _Penalty) -> AssemblyProgram:
+    problem = _Problem(match_axes(boxes, execute(program)).vectors(), penalty, _lowest(program))
     return problem.minimise(program).program
 
 
