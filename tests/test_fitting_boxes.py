@@ -1,5 +1,7 @@
 """Minimum-volume cuboids: bounding, small, and named alike on similar parts."""
 
+import itertools
+
 import numpy as np
 import pytest
 import toy
@@ -9,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import CORNER_ORDER, Cage, Cuboid
-from cagesdf.fitting.boxes import fit_cuboid, nearest_frame
+from cagesdf.fitting.boxes import _Hull, fit_cuboid, nearest_frames
 
 SEEDS = st.integers(0, 2**32 - 1)
 FLOOR = 1e-3
@@ -146,14 +148,39 @@ def test_a_leaning_round_leg_does_not_turn_about_itself() -> None:
 
 @given(SEEDS)
 def test_of_all_frames_along_a_direction_the_nearest_is_found(seed: int) -> None:
-    direction = np.random.default_rng(seed).normal(size=3)
-    direction /= np.linalg.norm(direction)
-    frame = nearest_frame(direction)
+    directions = np.random.default_rng(seed).normal(size=(3, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    direction, frame = directions[1], nearest_frames(directions)[1]
     assert np.linalg.det(frame) == pytest.approx(1)
     assert np.abs(frame @ direction).max() == pytest.approx(1)
     turns = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 200)[:, None] * direction).as_matrix()
     others = Cage(tuple(map(str, range(200))), np.zeros((200, 3)), frame @ turns, np.ones((200, 3)))
     assert np.trace(frame) >= max(np.trace(c.nearest_to(np.eye(3)).axes) for c in others.cuboids().values()) - 1e-9
+
+
+@given(SEEDS)
+@settings(max_examples=20, deadline=None)
+def test_boxes_along_outlines_are_those_that_all_points_give_edge_by_edge(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(15, 3)) * rng.uniform(0.1, 1, 3)
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    shadow = points @ (np.eye(3) - np.outer(normal, normal))
+    wanted = []
+    for i, j in itertools.combinations(range(len(points)), 2):
+        along = (shadow[j] - shadow[i]) / np.linalg.norm(shadow[j] - shadow[i])
+        frame = np.array([normal, along, np.cross(normal, along)])
+        height = (points - points[i]) @ frame[2]
+        if height.min() > -1e-9 or height.max() < 1e-9:  # an edge of the shadow
+            wanted.append(np.ptp(points @ frame.T, axis=0).prod())
+    normals = np.array([ROTATIONS[0, 0], normal])
+    boxes = _Hull.of(points, FLOOR).boxes_on(normals, np.inf)
+    own = (boxes.axes[:, 0] == normal).all(axis=1)
+    np.testing.assert_allclose(np.sort(boxes.volume[own]), np.sort(wanted), rtol=1e-9)
+    limit = float(np.median(boxes.volume))
+    below = _Hull.of(points, FLOOR).boxes_on(normals, limit)
+    np.testing.assert_array_equal(below.volume, boxes.volume[boxes.volume <= limit])
+    np.testing.assert_allclose(np.linalg.det(below.axes), 1)
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((4, 3), np.nan)])

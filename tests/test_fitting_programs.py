@@ -9,12 +9,23 @@ import torch
 from adam import fit_by_adam, loss_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage
 from cagesdf.fitting.hinge import Hinge
-from cagesdf.fitting.programs import bound_program, fit_program, fitting_loss, match_axes
-from cagesdf.structure.executor import execute
+from cagesdf.fitting.programs import (
+    DAMPING,
+    _Overshoot,
+    _Penalty,
+    _Problem,
+    _Sticking,
+    bound_program,
+    fit_program,
+    fitting_loss,
+    match_axes,
+)
+from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.parsing import parse
 from cagesdf.structure.program import AssemblyProgram
 
@@ -104,6 +115,51 @@ def test_the_loss_is_the_appendixs() -> None:
     cage = execute(program)
     wanted = loss_of(*map(torch.tensor, (cage.vectors(), boxes.vectors(), points)))
     assert fitting_loss(cage, boxes, points) == pytest.approx(float(wanted))
+
+
+@given(SEEDS, st.floats(1e-4, 0.3))
+@settings(max_examples=20, deadline=None)
+def test_no_leaves_have_a_lower_loss_than_the_boxes_themselves(seed: int, noise: float) -> None:
+    boxes, points = parts_of(parse(CHAIR), seed, 0.1)
+    change = np.random.default_rng(seed).normal(size=(len(boxes), 15)) * noise
+    leaves = Cage.from_vectors(boxes.part_ids, boxes.vectors() + change * np.random.default_rng(seed).uniform(size=15))
+    least = fitting_loss(boxes, boxes, points)
+    assert fitting_loss(leaves, boxes, points) >= least
+    larger = Cage(boxes.part_ids, boxes.centre, boxes.axes, boxes.size + noise)
+    assert fitting_loss(larger, boxes, points) >= least
+
+
+@given(SEEDS, st.floats(1e-3, 0.2), st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_a_step_lowers_the_extrapolated_loss_as_far_as_the_obvious_linear_program(
+    seed: int, radius: float, bounding: bool
+) -> None:
+    """Parameters that go up and down, and what each number is above its box's at least: dense, by another entry."""
+    program = parse(LEANING)
+    boxes, points = parts_of(program, seed, 0.1, 50)
+    penalty: _Penalty = _Overshoot(list(points)) if bounding else _Sticking(Hinge(points))
+    problem = _Problem(boxes.vectors(), penalty, np.full(len(program.parameters()), -np.inf))
+    start = problem._state(program)
+    jacobian = differentiate(program)[1]
+    step, expected = problem._step(start, jacobian, radius)
+
+    (p, _, t), model = jacobian.shape, start.penalty
+    slopes, residual = jacobian.reshape(-1, t), (start.vectors - boxes.vectors()).ravel()
+    m, c = len(residual), len(model.heights)
+    drift = np.tensordot(model.slope, jacobian, 2)
+    cuts = np.array([face @ jacobian[i] for i, face in zip(model.parts, model.faces)]).reshape(c, t)
+    part = np.eye(p)[model.parts]
+    over = np.block([[slopes, -slopes, -np.eye(m), np.zeros((m, p))], [cuts, -cuts, np.zeros((c, m)), -part]])
+    under = np.hstack([-slopes, slopes, -np.eye(m), np.zeros((m, p))])
+    found = linprog(
+        np.concatenate([DAMPING + drift, DAMPING - drift, np.full(m, 1 / p), np.ones(p)]),
+        A_ub=np.concatenate([over, under]),
+        b_ub=np.concatenate([-residual, -model.heights, residual]),
+        bounds=[(0, radius)] * (2 * t) + [(0, None)] * (m + p),
+    )
+    before = np.abs(residual).sum() / p + model.value * bounding
+    assert np.abs(step).max() <= radius + 1e-9
+    assert expected - DAMPING * np.abs(step).sum() == pytest.approx(before - found.fun, rel=1e-5, abs=1e-7)
 
 
 @pytest.mark.slow

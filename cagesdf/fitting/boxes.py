@@ -46,17 +46,17 @@ def fit_cuboid(points: Float[ndarray, "n 3"], slack: float, min_size: float) -> 
     return _box_along(axes[np.lexsort([boxes.volume[near], -traces.round(9)])[0]], points, min_size)
 
 
-def nearest_frame(direction: Float[ndarray, " 3"]) -> Float[ndarray, "3 3"]:
-    """Of all frames with an axis along ±`direction` (unit), the one nearest to the canonical axes.
+def nearest_frames(directions: Float[ndarray, "k 3"]) -> Float[ndarray, "k 3 3"]:
+    """Of all frames with an axis along each ±direction (unit), the one nearest to the canonical axes.
 
     Rows are the axes. It is the least rotation that takes the nearest canonical axis there.
     """
-    nearest = int(np.abs(direction).argmax())
-    target = direction * np.sign(direction[nearest])
-    between = np.eye(3)[nearest] + target
+    nearest = np.eye(3)[np.abs(directions).argmax(axis=1)]
+    targets = directions * np.sign(np.einsum("ki,ki->k", directions, nearest))[:, None]
+    between = nearest + targets
     # Two half-turns about lines through the origin: first about the old axis, then about the bisector.
-    turn = 2 * np.outer(between, between) / (between @ between) - np.eye(3)
-    return (turn @ (2 * np.outer(np.eye(3)[nearest], np.eye(3)[nearest]) - np.eye(3))).T
+    turns = 2 * between[:, :, None] * between[:, None] / np.einsum("ki,ki->k", between, between)[:, None, None]
+    return (2 * nearest[:, :, None] * nearest[:, None] - np.eye(3)) @ (turns - np.eye(3))
 
 
 def _box_along(axes: Float[ndarray, "3 3"], points: Float[ndarray, "n 3"], min_size: float) -> Cuboid:
@@ -89,6 +89,11 @@ class _Boxes:
         order = np.argsort(self.volume, kind="stable")[:count]
         return _Boxes(self.axes[order], self.volume[order])
 
+    def limit(self, slack: float) -> float:
+        """A volume above which no further box matters: it has too much slack, and is none to be polished."""
+        polished = np.partition(self.volume, POLISHED - 1)[POLISHED - 1] if len(self.volume) >= POLISHED else np.inf
+        return max(float((1 + slack) * self.volume.min()), float(polished))
+
 
 @dataclass(frozen=True, eq=False)
 class _Hull:
@@ -104,8 +109,9 @@ class _Hull:
     @staticmethod
     def of(points: Float[ndarray, "n 3"], min_size: float) -> "_Hull":
         hull = ConvexHull(_thickened(points, min_size))
-        used, simplices = np.unique(hull.simplices, return_inverse=True)
-        simplices, vertices = simplices.reshape(-1, 3), hull.points[used]
+        used = np.zeros(len(hull.points), bool)
+        used[hull.simplices] = True
+        simplices, vertices = (np.cumsum(used) - 1)[hull.simplices], hull.points[used]
         corners = vertices[simplices]
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
         # A facet's neighbour k lies opposite to its vertex k; each edge is taken from one side.
@@ -147,27 +153,37 @@ class _Hull:
 
     def least_volumes(self, normals: Float[ndarray, "k 3"]) -> Float[ndarray, " k"]:
         """A lower bound on boxes with a face normal to each direction: height × area of the shadow."""
-        shadows = np.abs(normals @ self.normals.T) @ self.areas / 2
-        return np.maximum(self.heights(normals), self.min_size) * shadows
+        bounds = np.empty(len(normals))
+        for start in range(0, len(normals), BATCH):  # what is at work stays in the cache
+            own = normals[start : start + BATCH]
+            facing = own @ self.normals.T
+            shadows = np.abs(facing, out=facing) @ self.areas / 2
+            bounds[start : start + BATCH] = np.maximum(self.heights(own), self.min_size) * shadows
+        return bounds
 
-    def boxes_on(self, normals: Float[ndarray, "k 3"]) -> _Boxes:
-        """All boxes with one face normal to a direction and one along an edge of the silhouette there."""
-        plane, edge = np.nonzero(_on_silhouette(normals @ self.normals.T, self.sides))
-        outline, size = _padded(plane, edge, len(normals))
-        ends = self.points[self.edges[outline]]  # k s 2 3
-        along = ends[:, :, 1] - ends[:, :, 0]
-        along -= np.einsum("ksx,kx->ks", along, normals)[..., None] * normals[:, None]
-        length = np.linalg.norm(along, axis=2)
+    def boxes_on(self, normals: Float[ndarray, "k 3"], limit: float) -> _Boxes:
+        """The boxes, up to a volume, with a face normal to a direction and one along an edge of the outline there."""
+        on = _on_silhouette(normals @ self.normals.T, self.sides)
+        outline, size = _padded(on)
+        ends = self.edges[outline]  # k s 2
+        along = self.points[ends[..., 1]] - self.points[ends[..., 0]]
+        along -= (along @ normals[:, :, None]) * normals[:, None]
+        length = np.sqrt(np.einsum("ksx,ksx->ks", along, along))
         along /= np.maximum(length, 1e-300)[..., None]
-        across = np.cross(normals[:, None], along)
-        ends = ends.reshape(len(normals), -1, 3).swapaxes(1, 2)
+        across = _cross(normals, along)
+        touched = np.zeros((len(normals), len(self.points)), bool)
+        touched[np.arange(len(normals))[:, None, None], ends] = True
+        corners = self.points[_padded(touched)[0]]  # k v 3
         volume = np.maximum(self.heights(normals), self.min_size)[:, None] * np.prod(
-            [np.maximum(np.ptp(direction @ ends, axis=2), self.min_size) for direction in (along, across)], axis=0
+            [
+                np.maximum(reach.max(axis=1) - reach.min(axis=1), self.min_size)
+                for reach in (corners @ along.swapaxes(1, 2), corners @ across.swapaxes(1, 2))  # k v s
+            ],
+            axis=0,
         )
         # An edge along the normal has no direction in the plane.
-        real = (np.arange(outline.shape[1]) < size[:, None]) & (length > FLAT * length.max())
-        frames = np.stack([np.broadcast_to(normals[:, None], along.shape), along, across], axis=2)
-        return _Boxes(frames[real], volume[real])
+        real = (np.arange(outline.shape[1]) < size[:, None]) & (length > FLAT * length.max()) & (volume <= limit)
+        return _Boxes(np.stack([normals[np.nonzero(real)[0]], along[real], across[real]], axis=1), volume[real])
 
     def boxes_along(self, frames: Float[ndarray, "k 3 3"]) -> _Boxes:
         """The boxes with these axes."""
@@ -182,7 +198,7 @@ def _thickened(points: Float[ndarray, "n 3"], min_size: float) -> Float[ndarray,
     extents = np.ptp(centred @ directions.T, axis=0)
     rank = int((extents > FLAT * extents.max()).sum())
     if rank < 2:  # a line's or point's section may be turned at will: as near to the canonical axes as can be
-        directions = nearest_frame(directions[0]) if rank else np.eye(3)
+        directions = nearest_frames(directions[:1])[0] if rank else np.eye(3)
         extents = np.ptp(centred @ directions.T, axis=0)
     for direction in directions[extents <= FLAT * extents.max()]:
         points = np.concatenate([points - direction * min_size / 2, points + direction * min_size / 2])
@@ -190,7 +206,7 @@ def _thickened(points: Float[ndarray, "n 3"], min_size: float) -> Float[ndarray,
 
 
 def _search(hull: _Hull, slack: float) -> _Boxes:
-    """Boxes that contain the hull: those of least volume, and all others found on the way."""
+    """Boxes that contain the hull: those of least volume, and others found on the way, of more than `slack` not all."""
     normals = hull.planes()
     bounds = hull.least_volumes(normals)
     order = np.argsort(bounds, kind="stable")
@@ -202,13 +218,20 @@ def _search(hull: _Hull, slack: float) -> _Boxes:
         batch = batch[bounds[batch] <= (1 + slack) * found.volume.min()]
         if len(batch) == 0:
             break
-        frames = np.array([nearest_frame(normal) for normal in normals[batch]])
-        found = _Boxes.joined([found, hull.boxes_on(normals[batch]), hull.boxes_along(frames)])
+        frames = nearest_frames(normals[batch])
+        found = _Boxes.joined([found, hull.boxes_on(normals[batch], found.limit(slack)), hull.boxes_along(frames)])
     least = np.inf
     while found.volume.min() < least * (1 - GAIN):
         least = found.volume.min()
-        found = _Boxes.joined([found, hull.boxes_on(found.best(POLISHED).axes.reshape(-1, 3))])
+        others = found.best(POLISHED).axes.reshape(-1, 3)
+        found = _Boxes.joined([found, hull.boxes_on(others, found.limit(slack))])
     return found
+
+
+def _cross(normals: Float[ndarray, "k 3"], others: Float[ndarray, "k s 3"]) -> Float[ndarray, "k s 3"]:
+    x, y, z = normals.T[:, :, None]
+    a, b, c = np.moveaxis(others, 2, 0)
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=2)
 
 
 def _distinct(normals: Float[ndarray, "f 3"], tolerance: float) -> Float[ndarray, "k 3"]:
@@ -225,12 +248,11 @@ def _on_silhouette(facing: Float[ndarray, "k f"], sides: Int[ndarray, "e 2"]) ->
     return towards[:, sides[:, 0]] != towards[:, sides[:, 1]]
 
 
-def _padded(
-    row: Int[ndarray, " m"], value: Int[ndarray, " m"], rows: int
-) -> tuple[Int[ndarray, "k s"], Int[ndarray, " k"]]:
-    """Ragged lists of sorted (row, value) as a rectangle filled up with each row's first value; their lengths."""
-    size = np.bincount(row, minlength=rows)
+def _padded(chosen: Bool[ndarray, "k n"]) -> tuple[Int[ndarray, "k s"], Int[ndarray, " k"]]:
+    """The columns chosen in each row, of which there is one at least, filled up with the first; their numbers."""
+    row, column = np.nonzero(chosen)
+    size = np.bincount(row, minlength=len(chosen))
     starts = np.cumsum(size) - size
-    table = np.repeat(value[starts][:, None], size.max(), axis=1)
-    table[row, np.arange(len(row)) - starts[row]] = value
+    table = np.repeat(column[starts][:, None], size.max(), axis=1)
+    table[row, np.arange(len(row)) - starts[row]] = column
     return table, size

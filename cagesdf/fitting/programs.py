@@ -11,19 +11,22 @@ The appendix's loss of a program with leaves c, in the program's frame and unit:
 The loss is a sum of absolute values of what is nearly linear in the parameters, and little else, so it
 is minimised by sequential linear programming: each step minimises the loss of the leaves as their
 derivatives extrapolate them, no parameter changing by more than a radius; steps that don't lower the
-loss itself shrink the radius. At the minimum most leaves agree with their boxes in most numbers exactly.
+loss itself shrink the radius. Before that they are tried once more with the leaves' curvature added that
+they met (a second-order correction [Fletcher 1982]): near the minimum the loss is all edges, and a step along
+one of them falls off it. At the minimum most leaves agree with their boxes in most numbers exactly.
 
 The loss keeps the leaves near their parts but does not make them bound them: `bound_program` does, by
 the same steps, with a price on what sticks out in place of the points' term.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
-from scipy.optimize import linprog
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csc_array
 
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
@@ -32,13 +35,15 @@ from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.program import AssemblyProgram, Attach, Declare, Squeeze, Translate
 
 MIN_LENGTH = 1e-3  # of the lengths that a program declares, its unit
-RADII = (0.1, 0.005)  # of the first step: executing is not continuous, and the loss has many minima
+RADII = (0.1, 0.02)  # of the first step: executing is not continuous, and the loss has many minima
 MAX_RADIUS = 0.5
 LEAST_RADIUS = 1e-6
+POOR = 0.3  # share of the expected gain: after less a step is bent, and the radius shrinks
 CLIFF = 2e-3  # a shorter step that raises the loss by much more than it should lower it meets a discontinuity
 JUMPS = 3  # across one, at most
 STEPS = 60  # at most
 GAIN = 3e-4  # a smaller share of the loss is not worth another step
+REACHED = 1e-5  # above the loss of the boxes themselves: nearer to it nothing is worth another step
 DAMPING = 1e-4  # price of changing a parameter by one: those without effect stay as they are
 PRICE = 100.0  # of each unit by which a part sticks out; more than any change of a leaf by so much may cost
 STILL = 1e-9  # slopes below this are none
@@ -164,20 +169,28 @@ class _Problem:
 
     Executing is not continuous: a corner that leaves its neighbour makes a cuboid grow. Where a descent ends
     at such a cliff, it is tried again from the other side.
+
+    No leaves have a lower loss than the boxes themselves: a penalty is no steeper than the distance, or 0 there.
+    Many programs can execute to them, and nothing is sought once that is found.
     """
 
     boxes: Float[ndarray, "p 15"]
     penalty: _Penalty
     lowest: Float[ndarray, " t"]  # of each parameter
 
-    def minimise(self, program: AssemblyProgram, radius: float) -> _State:
-        """The best state that is found from a program; no parameter changes by more than `radius` in the first step."""
-        best, beyond = self._descend(self._state(program), radius)
-        for _ in range(JUMPS):
-            if beyond is None:
+    def minimise(self, program: AssemblyProgram) -> _State:
+        """The best state that is found from a program."""
+        start = best = self._state(program)
+        enough = self.penalty(self.boxes).value + REACHED
+        for radius in RADII:
+            beyond: _State | None = start
+            for _ in range(1 + JUMPS):
+                if beyond is None or best.loss < enough:
+                    break
+                found, beyond = self._descend(beyond, radius, enough)
+                best = min(best, found, key=lambda state: state.loss)
+            if best is start:  # nor do shorter steps lead from there
                 break
-            found, beyond = self._descend(beyond, radius)
-            best = min(best, found, key=lambda state: state.loss)
         return best
 
     def _state(self, program: AssemblyProgram) -> _State:
@@ -193,8 +206,24 @@ class _Problem:
             return None
         return found if found.vectors[:, 12:].min() > 0 else None
 
-    def _descend(self, state: _State, radius: float) -> tuple[_State, _State | None]:
-        """Lower the loss step by step. If a cliff ends that, also the state beyond it."""
+    def _bent(
+        self,
+        state: _State,
+        jacobian: Float[ndarray, "p 15 t"],
+        step: Float[ndarray, " t"],
+        trial: _State,
+        radius: float,
+    ) -> _State | None:
+        """The state after a step as it should have been, had the leaves' way to `trial` been known to be bent."""
+        bend = trial.vectors - (state.vectors + jacobian @ step)
+        again, _ = self._step(replace(state, vectors=state.vectors + bend), jacobian, radius)
+        return self._trial(state, again)
+
+    def _descend(self, state: _State, radius: float, enough: float) -> tuple[_State, _State | None]:
+        """Lower the loss step by step until it is enough. If a cliff ends that, also the state beyond it.
+
+        No parameter changes by more than `radius` in the first step.
+        """
         jacobian = _jacobian(state.program)
         for _ in range(STEPS):
             if jacobian is None:
@@ -205,13 +234,20 @@ class _Problem:
                 break
             trial = self._trial(state, step)
             gain = state.loss - trial.loss if trial else -np.inf
+            if trial and gain < POOR * expected:
+                bent = self._bent(state, jacobian, step, trial, radius)
+                if bent and bent.loss < trial.loss:
+                    trial, gain = bent, state.loss - bent.loss
             if trial and gain > 0.1 * expected:
-                state, jacobian = trial, _jacobian(trial.program)
+                state = trial
+                if state.loss < enough:
+                    break
+                jacobian = _jacobian(state.program)
             elif trial and length < CLIFF and gain < -5 * expected:
                 return state, trial
             if gain > 0.75 * expected:
                 radius = min(max(radius, 2 * length), MAX_RADIUS)
-            elif gain < 0.3 * expected:
+            elif gain < POOR * expected:
                 radius = length / (4 if gain < 0.1 * expected else 2)
         return state, None
 
@@ -234,20 +270,31 @@ class _Problem:
         cost = np.concatenate([DAMPING + drift, DAMPING - drift, np.full(2 * m, 1 / p), np.ones(p)])
         down = np.clip(state.program.parameters() - self.lowest, 0, radius)
         upper = np.concatenate([np.full(t, radius), down, np.full(2 * m + p, np.inf)])
-        rows = np.zeros((m + c, len(cost)))
-        rows[:, :t] = np.concatenate([slopes, cuts])
-        rows[:, t : 2 * t] = -rows[:, :t]
-        rows[np.arange(m), 2 * t + np.arange(m)] = -1
-        rows[np.arange(m), 2 * t + m + np.arange(m)] = 1
-        rows[m + np.arange(c), 2 * t + 2 * m + model.parts] = -1
-        found = linprog(
+        moves = csc_array(np.concatenate([slopes, cuts]))
+        numbers = np.arange(m)
+        rows = csc_array(
+            (
+                np.concatenate([moves.data, -moves.data, np.full(m, -1.0), np.ones(m), np.full(c, -1.0)]),
+                np.concatenate([moves.indices, moves.indices, numbers, numbers, m + np.arange(c)]),
+                np.concatenate(
+                    [
+                        moves.indptr,
+                        moves.nnz + moves.indptr[1:],
+                        2 * moves.nnz + 1 + np.arange(2 * m),
+                        2 * moves.nnz + 2 * m + np.cumsum(np.bincount(model.parts, minlength=p)),
+                    ]
+                ),
+            ),
+            shape=(m + c, len(cost)),
+        )
+        found = milp(
             cost,
-            A_eq=rows[:m],
-            b_eq=-residual,
-            A_ub=rows[m:],
-            b_ub=-model.heights,
-            bounds=[(0.0, most) for most in upper.tolist()],
-            method="highs-ds",
+            bounds=Bounds(0, upper),
+            constraints=LinearConstraint(
+                rows,
+                np.concatenate([-residual, np.full(c, -np.inf)]),
+                np.concatenate([-residual, -model.heights]),
+            ),
             options={"presolve": False},
         )
         if found.x is None:
@@ -268,7 +315,7 @@ def _jacobian(program: AssemblyProgram) -> Float[ndarray, "p 15 t"] | None:
 
 def _fitted(program: AssemblyProgram, boxes: Cage, penalty: _Penalty) -> AssemblyProgram:
     problem = _Problem(match_axes(boxes, execute(program)).vectors(), penalty, _lowest(program))
-    return min((problem.minimise(program, radius) for radius in RADII), key=lambda state: state.loss).program
+    return problem.minimise(program).program
 
 
 def _lowest(program: AssemblyProgram) -> Float[ndarray, " t"]:
