@@ -115,9 +115,8 @@ def mixed(state: State, operation: Mix, styles: Styles) -> State:
     partners = corresponding(state, other, operation.source)
     part_styles = dict(state.part_styles)
     for part in parts:
-        partner = partners.get(part)
-        cage = None if partner is None else other.cage
-        step = PartStyle(other.latent, cage, partner or part, operation.weight)
+        cage = other.cage if part in partners else None
+        step = PartStyle(other.latent, cage, partners.get(part, part), operation.weight)
         # Nothing is left of what a step of weight 1 starts from.
         before = part_styles.get(part, ()) if operation.weight < 1 else ()
         part_styles[part] = (*before, step)

@@ -112,7 +112,7 @@ def state_field(run: Run, state: State) -> CageField:
     for part, steps in state.part_styles.items():
         row = state.cage.part_ids.index(part)
         for step in steps:
-            cage = step.cage or state.seen
+            cage = state.seen if step.cage is None else step.cage
             key = step.latent.tobytes(), cage.vectors().tobytes()
             if key not in known:
                 known[key] = part_codes(run.decoder, torch.from_numpy(step.latent).to(device), cage)
