@@ -40,7 +40,7 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
 
 
 def normal_sums(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, "3 f"]) -> Float[ndarray, "4 v"]:
-    """Of the faces whose first corner each vertex is: their normals times twice their areas, summed, and these areas."""
+    """For each vertex, of the faces that have it as their first corner: sums of normal · 2 area, and of 2 area."""
     (ax, ay, az), b, c = (vertices[corner].T for corner in corners)
     (ux, uy, uz), (vx, vy, vz) = (b[0] - ax, b[1] - ay, b[2] - az), (c[0] - ax, c[1] - ay, c[2] - az)
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
