@@ -58,7 +58,7 @@ def test_a_ball_stays_a_ball_and_its_vertices_on_faces_where_they_are(seed: int,
     rims = [np.unique(surface.places[on_faces(surface)], axis=0) for surface in (before, after)]
     np.testing.assert_array_equal(*rims)
     away = sphere_sdf(mesh_of(after).vertices[~on_faces(after)] - centre, radius)
-    assert np.abs(away).max() < 0.15 * LATTICE.steps.max()
+    assert np.abs(away).max() < 0.2 * LATTICE.steps.max()
 
 
 def test_nothing_is_merged_across_a_sheet_thinner_than_a_step() -> None:
