@@ -59,6 +59,7 @@ OFFSET = 0.002  # canonical units: from a sheet to its wrap
 TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
 FLAT = 2e-5  # canonical units: a region is flat if its vertices lie within so much along its normal
 CREASE = 30.0  # degrees; sharper edges end a smooth region
+SLIVER = 1e-12  # squared canonical units: a face with less area is none
 MAX_PRISMS = 500  # of a part; one with more smooth regions is wrapped as a whole
 MAX_PIECES = 5000  # of a part, each closed for itself
 MAX_OPEN_EDGES = 20_000  # of a piece, whose holes are filled
@@ -430,7 +431,8 @@ def wrap(mesh: Mesh) -> Mesh:
     faces or its wrap takes longer than SECONDS, InputError with the line that installs system libraries if they are
     missing.
     """
-    regions = _smooth_regions(mesh)
+    # Slivers lie in the regions beside them; CGAL crashes on a mesh of nothing else.
+    regions = [region for region in _smooth_regions(mesh) if face_areas(region).max() > SLIVER]
     prisms = [_prism(region) for region in regions] if len(regions) <= MAX_PRISMS else []
     flat = [prism for prism in prisms if prism is not None]
     if not flat:

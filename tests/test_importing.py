@@ -147,9 +147,10 @@ def test_missing_system_libraries_are_never_a_rejection(monkeypatch: pytest.Monk
         raise InputError("apt-get install something")
 
     monkeypatch.setattr("cagesdf.solid.alpha_wrap", missing)
-    sheet = Mesh(BOX.vertices, BOX.faces[:1])
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]])
+    bent = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     with pytest.raises(InputError, match="apt-get"):
-        import_shape(raw_shape({"seat": sheet}), "y", **LIMITS)
+        import_shape(raw_shape({"seat": bent}), "y", **LIMITS)
 
 
 @pytest.mark.parametrize(("lost", "told"), [(0.0, ""), (4e-5, ""), (8e-4, "; at most 0.08% of a part's surface lost")])

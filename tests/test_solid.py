@@ -285,6 +285,14 @@ def grid_sheet(across: int, along: int) -> Mesh:
     return Mesh(np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), faces)
 
 
+def test_slivers_beside_a_flat_sheet_are_part_of_it() -> None:
+    corners = np.array([[-0.5, 0, -0.5], [0.5, 0, -0.5], [0.5, 0, 0.5], [-0.5, 0, 0.5], [0.5, 0, 0], [0.5, 0, 0.25]])
+    sheet = Mesh(corners, np.array([[0, 2, 1], [0, 3, 2], [1, 4, 2], [4, 5, 2]], dtype=np.int32))
+    result, method = solid(sheet)
+    assert method == "wrapped"
+    assert signed_volume(result) == pytest.approx(2 * TIGHT, rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_flat_sheets_that_meet_keep_their_corners(seed: int) -> None:
     mesh = boards(seed)
