@@ -31,7 +31,7 @@ from browser.page import Camera, EditorPage
 
 STEPS = 10  # frames of the way up, and of that down
 PIXELS = 9  # of one step
-WIDTH = 560  # of a frame, pixels
+WIDTH = 480  # of a frame, pixels
 COLOURS = 96
 
 
@@ -53,11 +53,12 @@ def frames(page: EditorPage, camera: Camera, cuboid: Cuboid, crop: dict[str, flo
     page.page.wait_for_timeout(500)
     mouse.down()
     page.drawn()
+    mouse.move(*(start + way / 3))  # a drag begins with the second movement
+    page.drawn()
     for step in [*range(1, STEPS + 1), *range(STEPS - 1, 0, -1)]:
-        before = page.surface
         mouse.move(*(start + step * way))
-        page.settled(before)
-        page.drawn(6)
+        page.page.wait_for_timeout(1200)  # where the cuboid snaps to a contact, the surface stays: no sign to wait for
+        page.drawn()
         shot = Path(tempfile.gettempdir()) / "cagesdf_recording.png"
         page.page.screenshot(path=shot, clip=crop)
         with Image.open(shot) as image:
@@ -87,13 +88,16 @@ def main() -> None:
                 before = page.settled()
                 page.choose("Shape", shape)
                 page.settled(before)
+            page.page.locator("button.mantine-Notification-closeButton").first.click()  # of software rendering
             page.select(names[part])
             page.drawn(10)
             client = next(iter(editor.server.get_clients().values())).camera
             camera = Camera(np.array(client.position), np.array(client.look_at), client.fov)
             canvas = page.page.locator("canvas").first.bounding_box()
             assert canvas is not None
-            pictures = frames(page, camera, state.cage[part], {**canvas})
+            width, height = canvas["width"], canvas["height"]
+            crop = {"x": 0.2 * width, "y": 0.1 * height, "width": 0.55 * width, "height": 0.75 * height}
+            pictures = frames(page, camera, state.cage[part], crop)
         browser.close()
     first, *others = [picture.quantize(COLOURS, dither=Image.Dither.NONE) for picture in pictures]
     first.save(arguments.out, save_all=True, append_images=others, duration=120, loop=0, optimize=True)
