@@ -46,7 +46,7 @@ def results_page(tables: Tables) -> str:
 def readme_table(tables: Tables) -> str:
     """The README's table: surface distance of source shapes and of held-out steps, and gains of swaps."""
     names = _categories(tables)
-    head = ["", *(f"{name}: source" for name in names), *("held-out" for _ in names)]
+    head = ["", *(f"{name}: {of}" for of in ("source", "held-out") for name in names)]
     rows = [
         [f"`{arm}`"]
         + [_spread(tables["table1"][name].get(arm), "surface_distance") for name in names]
