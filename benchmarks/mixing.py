@@ -1,4 +1,4 @@
-"""What mixing by part is worth, against both truths: the table of docs/styles.md.
+"""Gains of mixing by part, against both truths: the table of docs/styles.md.
 
     OMP_NUM_THREADS=1 python benchmarks/mixing.py [data] [--category chair] [--mixes 24] [--resolution 64]
 
@@ -75,10 +75,10 @@ class Mixes:
         else:
             return None
         live = self.session.live(self.resolution)
-        before, found = live.surface(opened), live.surface(mixed)
+        before, after = live.surface(opened), live.surface(mixed)
         surfaces = {
             "unchanged": union([part.mesh for part in shape.parts]),
-            "partner": found.mesh,
+            "partner": after.mesh,
             "context": live.surface(in_context(mixed)).mesh,
             "swap": live.surface(self.session.edited(opened, (Swap(style_of=pair[1]),)).present).mesh,
             "box_warp": warp.truth,
@@ -89,7 +89,7 @@ class Mixes:
         }
         for name in [name for name in result if name != "unchanged"]:
             result[name] = {truth: 1 - result[name][truth] / result["unchanged"][truth] for truth in truths}
-        self.check_rest(opened, mixed, before, found)
+        self.check_rest(opened, mixed, before, after)
         return result
 
     def check_rest(self, opened: State, mixed: State, before: Extraction, after: Extraction) -> None:
@@ -113,15 +113,15 @@ def gain(mesh: Mesh, trial: Trial) -> float:
 def main(data: Path, category: str, count: int, resolution: int) -> None:
     torch.set_num_threads(1)
     mixes, rng = Mixes(data, category, resolution), np.random.default_rng(0)
-    found: list[dict[str, dict[str, float]]] = []
+    measured: list[dict[str, dict[str, float]]] = []
     for pair in rng.permutation(swaps_of(mixes.recipes, mixes.sequences)).tolist():
-        if len(found) < count and (figures := mixes.figures((pair[0], pair[1]), rng)):
-            found.append(figures)
-    print(f"{category}: {len(found)} mixes; all parts that were not mixed are the same to the last bit\n")
+        if len(measured) < count and (figures := mixes.figures((pair[0], pair[1]), rng)):
+            measured.append(figures)
+    print(f"{category}: {len(measured)} mixes; all parts that were not mixed are the same to the last bit\n")
     print("| codes | gain, recipe | nearer | gain, warp | nearer |")
     print("|---|---|---|---|---|")
     for name in ("partner", "context", "swap", "box_warp"):
-        gains = {truth: np.array([figures[name][truth] for figures in found]) for truth in ("recipe", "warp")}
+        gains = {truth: np.array([figures[name][truth] for figures in measured]) for truth in ("recipe", "warp")}
         cells = [f"{np.nanmedian(own):.3f} | {int((own > 0).sum())}" for own in gains.values()]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 

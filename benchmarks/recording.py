@@ -3,10 +3,11 @@
     python -m benchmarks.recording docs/pictures/drag.gif
 
 drives the real page in Chromium: a shape of the demo is opened, the back's cuboid is pulled up by its handle and let
-down again. Each frame is a screenshot after the surface has followed.
+down again. Each frame is a screenshot 1.2 s after a movement, when the surface has followed.
 """
 
 import argparse
+import io
 import sys
 import tempfile
 from pathlib import Path
@@ -46,22 +47,20 @@ def frames(page: EditorPage, camera: Camera, cuboid: Cuboid, crop: dict[str, flo
     """Screenshots of a drag there and back."""
     handle, up = top(cuboid)
     start = np.array(page.pixel(handle, camera))
-    way = np.array(page.pixel(handle + 0.1 * up, camera)) - start
-    way *= PIXELS / np.linalg.norm(way)
+    upwards = np.array(page.pixel(handle + 0.1 * up, camera)) - start
+    upwards *= PIXELS / np.linalg.norm(upwards)
     mouse, pictures = page.page.mouse, []
     mouse.move(*start)
     page.page.wait_for_timeout(500)
     mouse.down()
     page.drawn()
-    mouse.move(*(start + way / 3))  # a drag begins with the second movement
+    mouse.move(*(start + upwards / 3))  # a drag begins with the second movement
     page.drawn()
     for step in [*range(1, STEPS + 1), *range(STEPS - 1, 0, -1)]:
-        mouse.move(*(start + step * way))
+        mouse.move(*(start + step * upwards))
         page.page.wait_for_timeout(1200)  # where the cuboid snaps to a contact, the surface stays: no sign to wait for
         page.drawn()
-        shot = Path(tempfile.gettempdir()) / "cagesdf_recording.png"
-        page.page.screenshot(path=shot, clip=crop)
-        with Image.open(shot) as image:
+        with Image.open(io.BytesIO(page.page.screenshot(clip=crop))) as image:
             height = round(WIDTH * image.height / image.width)
             pictures.append(image.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS))
     mouse.up()
