@@ -124,8 +124,8 @@ class TriplaneDecoder(Decoder):
         """The planes' features at points of the unit frame, between cells bilinearly; beyond, the border's."""
         count, points = unit.shape[:2]
         places = torch.stack([unit[..., axes] for axes in PLANES], dim=1).view(3 * count, 1, points, 2)
-        found = _bilinear(planes.reshape(3 * count, self.channels, self.cells, self.cells), places)
-        return found.view(count, 3 * self.channels, points).transpose(1, 2)
+        features = _bilinear(planes.reshape(3 * count, self.channels, self.cells, self.cells), places)
+        return features.view(count, 3 * self.channels, points).transpose(1, 2)
 
     def _split(self, condition: Float[Tensor, "g ..."]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Planes, scales and shifts by layer, and unit, of groups."""
