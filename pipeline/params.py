@@ -52,6 +52,7 @@ class ImportParams(Params):
 
     include: str  # glob over shape names; "*" takes all
     up: Literal["y", "z"]  # up axis of the files
+    parts: Literal["given", "found", "auto"]  # by files, in the surface, or there where a file's groups are no parts
     weld: Positive  # vertices nearer than this are one, canonical units
     max_faces: Count  # a shape
     max_parts: Count  # a shape

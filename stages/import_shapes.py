@@ -43,7 +43,13 @@ def main(raw: Path, out: Path, params: ImportParams) -> None:
 def import_one(params: ImportParams, source: ShapeSource) -> Shape:
     """One shape. Raises ShapeRejected if it can't be read or made solid."""
     return import_shape(
-        read_shape(source), params.up, params.weld, params.max_faces, params.max_parts, params.min_thickness
+        read_shape(source),
+        params.up,
+        params.weld,
+        params.max_faces,
+        params.max_parts,
+        params.min_thickness,
+        params.parts,
     )
 
 

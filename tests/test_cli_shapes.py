@@ -54,7 +54,8 @@ def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command,
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
     out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
-    assert out.splitlines() == ["one: passed", "seat: passed"]
+    told = "parts found, 1: the file has a single group"
+    assert out.splitlines() == [f"one: passed; {told}", f"seat: passed; {told}"]
     assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
         "holed: repaired 1 capped of 2 parts",
         "sound: passed",
@@ -67,7 +68,8 @@ def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: C
     lines = command("check", tmp_path).splitlines()
     assert lines[0].startswith("not read: c.off; ")
     assert lines[1].startswith("each mesh file is a shape; ")
-    assert lines[2:] == ["a: passed", "b: repaired 1 merged of 1 parts"]
+    told = "parts found, 1: the file has a single group"
+    assert lines[2:] == [f"a: passed; {told}", f"b: repaired 1 merged of 1 parts; {told}"]
 
 
 def test_check_says_each_shape_as_it_is_done(

@@ -111,7 +111,7 @@ def imported(source: Path) -> "Shape":
     from cagesdf.importing import import_shape
 
     try:
-        return import_shape(read_shape(find_shape(source)), **IMPORT)
+        return import_shape(read_shape(find_shape(source)), **IMPORT, parts="auto")
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
 

@@ -23,7 +23,8 @@ MAX_POINTS = 20_000_000
 def check(*sources: Path, include: str = "*") -> None:
     """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
 
-    A folder's shapes are those that `make own` would take; what else is in it is said first. Exit status 1 if any
+    A folder's shapes are those that `make own` would take; what else is in it is said first. Parts of a single mesh are
+    found, and it is said whether those of a file were taken and why. Exit status 1 if any
     was rejected.
 
     Parameters
@@ -46,7 +47,7 @@ def check(*sources: Path, include: str = "*") -> None:
     rejected = 0
     for source in found:
         try:
-            told = verdict(import_shape(read_shape(source), **IMPORT))
+            told = verdict(import_shape(read_shape(source), **IMPORT, parts="auto"))
         except ShapeRejected as error:
             told = f"rejected: {error.reason}"
             rejected += 1
