@@ -28,6 +28,7 @@ class TriplaneDecoder(Decoder):
     """Distance to a part's own surface, by its code: planes · MLP, times the cuboid's smallest length."""
 
     trains_on = "part"
+    trusted = 0.5
 
     def __init__(
         self,
