@@ -123,7 +123,12 @@ class TrainParams(Params):
     """One arm: network, data and schedule."""
 
     decoder: Literal[
-        "TriplaneDecoder", "PlainTriplaneDecoder", "RelationTriplaneDecoder", "CageDecoder", "DeepSdfDecoder"
+        "TriplaneDecoder",
+        "PlainTriplaneDecoder",
+        "RelationTriplaneDecoder",
+        "OccupancyDecoder",
+        "CageDecoder",
+        "DeepSdfDecoder",
     ]
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
@@ -139,7 +144,7 @@ class TrainParams(Params):
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count
-    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none, as OccupancyDecoder must have it
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps
