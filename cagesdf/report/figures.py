@@ -129,6 +129,7 @@ REFERENCES = {
 EDIT_REFERENCES = {
     "unchanged": "no network: the shape as it was before the edit",
     "box_warp": "no network: the parts of the style deformed into the cuboids; of sequences this is the truth itself",
+    "keep_warp": "no network: the same, but details of the style keep their size",
     "ground_truth": "the true surface",
 }
 NOT_EDITED = "has no cuboids: an edit leaves its shape as it was, at a gain of 0"
