@@ -117,6 +117,7 @@ METRIC = {metric.key: metric for metric in METRICS}
 ARMS = {
     "cagesdf": "cuboid network that also sees each point in its cuboid's frame",
     "cagesdf_global": "the paper's network: points in the shape's frame only",
+    "cagesdf_keep": "cagesdf, trained on sequences in which details keep their size",
     "cagesdf_noaug": "cagesdf, trained on rest shapes only",
     "cagesdf_global_noaug": "the paper's network, trained on rest shapes only",
     "deepsdf": "the baseline: one latent code a shape, no cuboids",
