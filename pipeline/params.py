@@ -122,7 +122,9 @@ class SampleParams(Params):
 class TrainParams(Params):
     """One arm: network, data and schedule."""
 
-    decoder: Literal["TriplaneDecoder", "CageDecoder", "DeepSdfDecoder"]
+    decoder: Literal[
+        "TriplaneDecoder", "PlainTriplaneDecoder", "RelationTriplaneDecoder", "CageDecoder", "DeepSdfDecoder"
+    ]
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
     reach: NonNegative  # CageDecoder: of its cuboid, of the points that count; canonical units

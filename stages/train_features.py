@@ -36,7 +36,7 @@ def main(out: Path, params: FeaturesParams) -> None:
         features = read_features(given["weights"]) if given else trained(drawn("train", params.train, params), params)
         accuracy = {"shapes": len(held_out), **accuracy_of(features, held_out)}
         write_features(folder, features, accuracy)
-        print(f"{len(features.classes)} classes; of {len(held_out)} held-out shapes recognised: {told(accuracy)}")
+        print(f"{len(features.classes)} classes; of {len(held_out)} held-out shapes recognised: {listed(accuracy)}")
 
 
 def drawn(name: str, count: int, params: FeaturesParams) -> Clouds:
@@ -97,7 +97,7 @@ def accuracy_of(features: Features, clouds: Clouds) -> dict[str, Any]:
     }
 
 
-def told(accuracy: dict[str, Any]) -> str:
+def listed(accuracy: dict[str, Any]) -> str:
     """Both shares in words."""
     shares = [(name, accuracy[name]) for name in ("category", "family")]
     return ", ".join(f"{name} {'not known' if share is None else f'{share:.1%}'}" for name, share in shares)

@@ -75,7 +75,7 @@ def train(
     learnt = _parameters(decoder, latents, free)
     sums = torch.zeros(2, device=device)
     log: list[dict[str, int | float]] = []
-    start = _resume(learnt, optimiser, sums, log, ranks.told(checkpoint.load() if ranks.first else None))
+    start = _resume(learnt, optimiser, sums, log, ranks.broadcast(checkpoint.load() if ranks.first else None))
     report(start, log[-1]["loss"] if log else math.nan)
     with slice_threads() as (pool, threads):
         gradients = Gradients(decoder, latents, settings.clamp, settings.precision, pool, threads)
