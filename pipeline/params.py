@@ -86,6 +86,7 @@ class DeformParams(Params):
     steps: Count  # of a sequence, the rest shape among them
     held_out: tuple[Natural, ...]  # steps kept from training
     interpolation: Literal["cuboids", "program"]  # of what, where a shape has a program
+    transfer: Literal["trilinear", "keep_details"]  # of surfaces: details stretch with their cuboid, or keep their size
     max_rejected: Share
 
 
