@@ -1,4 +1,4 @@
-"""`cagesdf check` and `cagesdf sdf` as a user meets them."""
+"""`cagesdf check`, `cagesdf parts` and `cagesdf sdf` as a user meets them."""
 
 import io
 import json
@@ -14,7 +14,7 @@ from test_cli import Command
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
 from cagesdf.formats.listing import find_shape
-from cagesdf.meshes import Mesh
+from cagesdf.meshes import Mesh, join
 
 command = test_cli.command  # the fixture
 SHARED = Path(__file__).parent.parent.parent / "shared/data"
@@ -70,6 +70,17 @@ def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: C
     assert lines[1].startswith("each mesh file is a shape; ")
     told = "parts found, 1: the file has a single group"
     assert lines[2:] == [f"a: passed; {told}", f"b: repaired 1 merged of 1 parts; {told}"]
+
+
+def test_parts_writes_a_file_that_an_import_prefers_and_a_picture(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    write_ply(tmp_path / "in" / "chair.ply", join([BOX, toy.rod([0, -2, 0], [0, 0, 0], 0.3, 1.0)]))
+    told = json.loads(command("parts", tmp_path / "in" / "chair.ply", tmp_path / "out"))
+    assert (told["components"], told["parts"]) == (2, 2)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["chair.glb", "chair.parts.json"]
+    (tmp_path / "out" / "chair.parts.json").rename(tmp_path / "in" / "chair.parts.json")
+    assert command("check", tmp_path / "in") == "chair: passed; parts written, 2: a file beside the mesh has them\n"
+    assert "is there already" in command.complaint("parts", tmp_path / "in" / "chair.ply", tmp_path / "out")
 
 
 def test_check_says_each_shape_as_it_is_done(

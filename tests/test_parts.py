@@ -22,6 +22,7 @@ from cagesdf.parts.choosing import seams
 from cagesdf.parts.components import components
 from cagesdf.parts.cutting import CRUMB, box_about, cut, fragments
 from cagesdf.parts.finding import as_written, find_parts, parts_as_written
+from cagesdf.parts.slots import with_slots
 from cagesdf.parts.written import SUFFIX, read_written, written_json
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.solid import as_manifold, union
@@ -177,6 +178,34 @@ def test_sides_of_a_box_in_several_groups_are_one_component_and_sheets_get_a_thi
 def test_nothing_but_a_point_makes_no_parts() -> None:
     with pytest.raises(NotSolidError):
         find_parts(Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)), WELD, THIN)
+
+
+# Labels across a collection.
+
+
+def test_parts_in_one_place_have_one_label_in_all_shapes_and_repeated_parts_share_it() -> None:
+    tall = {name: mesh.with_vertices(mesh.vertices * [1, 1.2, 0.9]) for name, mesh in chair_parts().items()}
+    stool = {name: mesh for name, mesh in chair_parts().items() if name != "back"}
+    imported = [
+        import_shape(raw_file({"all": join(list(parts.values()))}), "y", **LIMITS, parts="auto")
+        for parts in (chair_parts(), tall, stool)
+    ]
+    given = import_shape(raw_file(chair_parts()), "y", **LIMITS)
+    first, second, third, same = with_slots([*imported, given])
+    assert same is given
+    labels = [sorted(part.label for part in shape.parts) for shape in (first, second, third)]
+    assert labels[0] == labels[1]
+    assert [len(set(own)) for own in labels] == [3, 3, 2]
+    assert first.structure.signature() == second.structure.signature() != third.structure.signature()
+    assert all(shape.structure.labels() == {p.part_id: p.label for p in shape.parts} for shape in (first, second))
+
+
+def test_a_label_that_a_user_wrote_is_kept() -> None:
+    shape = import_shape(raw_file({"all": join(list(chair_parts().values()))}), "y", **LIMITS, parts="auto")
+    named = replace(shape, parts=(replace(shape.parts[0], label="Sitz"), *shape.parts[1:]))
+    [labelled] = with_slots([named])
+    assert labelled.parts[0].label == "Sitz"
+    assert all(part.label for part in labelled.parts)
 
 
 # Given, found or written.

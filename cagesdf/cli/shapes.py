@@ -1,10 +1,11 @@
 """Commands about shapes as their files give them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cagesdf.cli.files import check_folder, replacing
+from cagesdf.cli.files import check_folder, new_folder, replacing
 from cagesdf.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,6 +55,63 @@ def check(*sources: Path, include: str = "*") -> None:
         print(f"{source.shape_id}: {told}", flush=True)
     if rejected:
         raise InputError(f"{rejected:,} of {len(found):,} shapes rejected")
+
+
+def parts(source: Path, out: Path, /) -> None:
+    """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
+
+    Prints how well cuboids hold them as a JSON object. Beside the shape, `make own` prefers the file to finding parts.
+
+    Parameters
+    ----------
+    source
+        A mesh file or a folder of meshes: one shape, upright (y up). Its groups are joined.
+    out
+        A new folder, in one that exists.
+    """
+    import numpy as np
+
+    from cagesdf.cuboid import Cage
+    from cagesdf.errors import NotSolidError, ShapeRejected
+    from cagesdf.fitting.boxes import fit_cuboid
+    from cagesdf.formats.listing import find_shape, read_shape
+    from cagesdf.frames import canonical_similarity
+    from cagesdf.io.exports import Model, write_model
+    from cagesdf.meshes import Mesh, join
+    from cagesdf.parts.cutting import MIN_SIZE, SLACK
+    from cagesdf.parts.finding import as_written, find_parts
+    from cagesdf.parts.written import SUFFIX, written_json
+    from cagesdf.solid import CUBE_FACES, union
+
+    if out.exists():
+        raise InputError(f"{out}: is there already; name a new folder")
+    check_folder(out)
+    try:
+        raw = read_shape(replace(find_shape(source), written=None))
+        mesh = join([part.mesh for part in raw.parts])
+        placement = canonical_similarity(mesh.vertices, IMPORT["up"])
+        canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
+        found = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
+    except ShapeRejected as error:
+        raise InputError(f"{source}: rejected: {error.reason}") from error
+    except NotSolidError as error:
+        raise InputError(f"{source}: its surface {error}") from error
+
+    def as_given(mesh: Mesh) -> Mesh:
+        return mesh.with_vertices(placement.to_raw(mesh.vertices))
+
+    cage = Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in found.parts})
+    boxes = {
+        name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
+    }
+    solids = {part.name: as_given(part.mesh) for part in found.parts}
+    model = Model.of(as_given(union([part.mesh for part in found.parts])), solids, boxes)
+    with new_folder(out) as folder:
+        write_model(folder / f"{raw.shape_id}.glb", model)
+        text = written_json(as_written(found, placement))
+        (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
+    counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
+    print(json.dumps({"out": str(out), **counts}, ensure_ascii=False))
 
 
 def sdf(source: Path, points: Path, out: Path, /) -> None:
