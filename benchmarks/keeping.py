@@ -1,6 +1,6 @@
 """Gains of warps without a network against the recipe's truth: the first table of docs/styles.md, "Details".
 
-    OMP_NUM_THREADS=1 python benchmarks/keeping.py [--category chair] [--swaps 40] [--seed 100]
+    OMP_NUM_THREADS=1 python benchmarks/keeping.py [--category chair] [--swaps 40] [--seed 101]
 
 draws shapes that no run has (the default run's are drawn by another generator), and swaps of cuboids and styles
 among them. The gain is that of docs/metrics.md: on the detail of the parts whose style changes, 1 is the truth and 0
@@ -88,6 +88,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--category", default="chair")
     parser.add_argument("--swaps", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=101)
     arguments = parser.parse_args()
     main(arguments.category, arguments.swaps, arguments.seed)

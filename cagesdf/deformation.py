@@ -14,7 +14,7 @@ from cagesdf.errors import InputError, ProgramError, ShapeRejected
 from cagesdf.frames import Similarity
 from cagesdf.matching import Match
 from cagesdf.meshes import Mesh
-from cagesdf.resizing import AxisWarp, keeping_warp
+from cagesdf.resizing import AxisWarp, keeping_warp, vulnerability
 from cagesdf.shape import Shape
 from cagesdf.solid import outer_surface
 from cagesdf.structure.assembly import Assembly
@@ -180,7 +180,7 @@ def keep_details(shape: Shape, rest: Cage, moved: Cage, detail: float = 1.0) -> 
     meshes = []
     for i, part in enumerate(shape.parts):
         unit = part.mesh.with_vertices(rest.to_unit(part.mesh.vertices, i))
-        warp = keeping_warp(unit, rest.size[i], moved.size[i], detail)
+        warp = keeping_warp(vulnerability(unit, rest.size[i]), rest.size[i], moved.size[i], detail)
         meshes.append(unit.with_vertices(moved.from_unit(warp(unit.vertices), i)))
     return meshes
 
@@ -243,9 +243,10 @@ class KeptDetails(Transfer):
         """A warp for each step and part."""
         rest, solids = sequence.cages[0], [part.mesh for part in shape.parts]
         units = [mesh.with_vertices(rest.to_unit(mesh.vertices, i)) for i, mesh in enumerate(solids)]
+        weights = [vulnerability(unit, size) for unit, size in zip(units, rest.size)]
         return cls(
             tuple(
-                tuple(keeping_warp(unit, rest.size[i], cage.size[i], detail) for i, unit in enumerate(units))
+                tuple(keeping_warp(*lengths, detail) for lengths in zip(weights, rest.size, cage.size))
                 for cage, detail in zip(sequence.cages, details.tolist(), strict=True)
             )
         )

@@ -4,11 +4,12 @@ After Kraevoy et al. 2008, "Non-homogeneous resizing of complex models". An affi
 bevels with the cuboid. Here each axis is cut into even bins, and bins stretch in inverse proportion to what a stretch
 would damage there: bin b by a factor s_b that minimises Σ w_b (s_b − 1)² for a given mean and a least factor.
 
-The weight w (`vulnerability`) is an area, of two kinds. **Thickness**: rays along the axis cut the part into chords of
-material; the area around a ray is spread over its chord, so that thin places weigh more than long ones. A block at a
-leg's end keeps its height, a shaft its diameter. **Slope**: a face is spread over its extent with its area × n², n
-being the normal's component along the axis; that is how far a stretch moves the face off itself. Beads, bends and
-bevels keep their profile. Walls (n = 0) slide along themselves, and caps (n = 1) have no extent that could stretch.
+The weight w (`vulnerability`) is an area, of two kinds. **Thickness**: the surface cuts rays along the axis into chords
+of material and of gaps; the area around a ray is spread over each chord, so that short ones weigh more than long ones.
+A block at a leg's end keeps its height, a shaft its diameter, a slot its width. **Slope**: a face is spread over its
+extent with its area × n², n being the normal's component along the axis; that is how far a stretch moves the face off
+itself. Beads, bends and bevels keep their profile. Walls (n = 0) slide along themselves, and caps (n = 1) have no
+extent that could stretch.
 """
 
 from dataclasses import dataclass
@@ -41,14 +42,15 @@ class AxisWarp:
         return np.stack(moved, axis=1) + (points - clipped)
 
 
-def keeping_warp(solid: Mesh, size: Float[ndarray, " 3"], moved: Float[ndarray, " 3"], detail: float = 1.0) -> AxisWarp:
+def keeping_warp(
+    weights: Float[ndarray, "3 b"], size: Float[ndarray, " 3"], moved: Float[ndarray, " 3"], detail: float = 1.0
+) -> AxisWarp:
     """The warp that a part needs in its unit frame so that details keep their size in a resized cuboid.
 
-    `solid` is the closed part in the unit frame of a cuboid with lengths `size`; the cuboid's new lengths are `moved`.
-    A detail that keeps its size has `detail` times its length, which differs from 1 where the two cuboids are not
+    `weights` are the part's `vulnerability` in a cuboid with lengths `size`; the cuboid's new lengths are `moved`. A
+    detail that keeps its size has `detail` times its length, which differs from 1 where the two cuboids are not
     measured in the same unit.
     """
-    weights = vulnerability(solid, size)
     totals = moved / (size * detail)
     return AxisWarp(np.array([_knots(stretches(w, float(total))) for w, total in zip(weights, totals)]))
 
@@ -100,9 +102,10 @@ def vulnerability(solid: Mesh, size: Float[ndarray, " 3"]) -> Float[ndarray, "3 
 
 
 def chords(solid: Mesh, axis: int) -> tuple[Float[ndarray, " n"], Float[ndarray, " n"]]:
-    """Where rays along an axis enter and leave a closed mesh in a unit frame: starts and ends of chords of material.
+    """Starts and ends of the chords into which a closed mesh in a unit frame cuts rays along an axis.
 
-    RAYS rays stand evenly over the cuboid's face. One that meets an edge exactly counts as beside it.
+    Chords are of material or of gaps, and lie between a ray's first and last crossing. RAYS rays stand evenly over the
+    cuboid's face. One that meets an edge exactly counts as beside it.
     """
     corners = solid.corners()
     flat = corners[:, :, [k for k in range(3) if k != axis]]
@@ -117,11 +120,10 @@ def chords(solid: Mesh, axis: int) -> tuple[Float[ndarray, " n"], Float[ndarray,
     met = ((sides * turn > 0) | ((sides == 0) & beside)).all(axis=1) & (twice != 0)
     face, number, sides, twice = face[met], number[met], sides[met], twice[met]
     depth = (sides * corners[face, :, axis]).sum(axis=1) / twice
-    # Seen along the axis, faces that are entered are clockwise; leaving out the middle axis mirrors the plane.
-    enters = (twice < 0) != (axis == 1)
     order = np.lexsort((depth, number))
-    number, depth, enters = number[order], depth[order], enters[order]
-    chord = (number[1:] == number[:-1]) & enters[:-1] & ~enters[1:]
+    number, depth, clockwise = number[order], depth[order], (twice < 0)[order]
+    # Seen along the axis, faces that are entered turn one way, those that are left the other.
+    chord = (number[1:] == number[:-1]) & (clockwise[1:] != clockwise[:-1])
     return depth[:-1][chord], depth[1:][chord]
 
 
