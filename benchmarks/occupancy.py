@@ -1,13 +1,13 @@
 """Occupancy in place of the distance: the same part model and steps, with either loss (the paper's §5).
 
-    python -m benchmarks.occupancy [chair …] [--steps 2700 8200] [--arms cagesdf cagesdf_occupancy] [--shapes 4]
+    python -m benchmarks.occupancy [chair …] [--steps 2700 8200] [--arms …] [--shapes 4]
 
-Runs in `work/ablations` (docs/training.md), where params.yaml has both arms. Each is trained on one
-thread, 60 s and 180 s on a processor with AVX2, and measured by the shape code alone at 128 cells, on source
-shapes and held-out steps against parts that follow their own cuboids: distance (% of the longest side), the same where
-parts meet (points within 1 % of the longest side of two cuboids), signed normals, surplus of connected components and
-of handles over the true surface's, the share of surfaces with as many of each, and the share of the lattice's points
-whose sign a sparse evaluation has wrong. Prints a Markdown table.
+The arms are those of profiles/ablations.yaml, on the `data/` of `make repro`. Each is trained on one thread, 60 s and
+180 s on a processor with AVX2, and measured by the shape code alone at 128 cells, on source shapes and held-out steps,
+against parts that follow their own cuboids: distance (% of the longest side); the same where parts meet, over points
+within 1 % of the longest side of two cuboids; signed normals; connected components (without cavities) and handles
+beyond the true surface's; the share of surfaces with as many components (and cavities), and handles; and the components
+that a sparse extraction loses, as surfaces are extracted densely. Prints a Markdown table.
 """
 
 import argparse
@@ -21,14 +21,17 @@ from benchmarks.parts import CELLS, DETAIL, POINTS, trained
 from cagesdf.cuboid import Cage
 from cagesdf.evaluation.reconstruction import Measured, Truth, compare, directions
 from cagesdf.extraction import METHODS, extract, field_of
+from cagesdf.extraction.promises import count_pieces
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.meshes import sample_surface
 from cagesdf.training.precision import processor
 from pipeline import draw, item_rng, load
+from pipeline.workspace import profile_settings
 
 MEET = 0.01  # of the longest side: points this near to two cuboids are where parts meet
-COLUMNS = ("distance", "where parts meet", "nc_signed", "components", "genus", "same components", "same genus", "lost")
+ARMS = profile_settings("ablations")["arms"]  # by name, the differences from the default arm
+COLUMNS = ("distance", "where parts meet", "nc_signed", "loose", "handles", "same components", "same genus", "lost")
 
 
 def meeting_distance(surface: Measured, truth: Truth, cage: Cage, rng: np.random.Generator) -> float:
@@ -56,7 +59,7 @@ def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> list[fl
         figures["surface_distance"],
         meeting_distance(surface, truth, cage, rng),
         figures["nc_signed"],
-        pieces - true_pieces,
+        dense.components - count_pieces(truth.mesh),
         genus - true_genus,
         pieces == true_pieces,
         genus == true_genus,
@@ -68,7 +71,7 @@ def row(arm: str, category: str, steps: int, count: int, folder: Path) -> str:
     """A row of the table: source shapes, then held-out steps."""
     shapes = read_shapes(Path("data/shapes") / category)
     out = folder / f"{arm}-{category}-{steps}"
-    spent = trained(arm, category, out, steps=steps)
+    spent = trained("cagesdf", category, out, steps=steps, **ARMS.get(arm, {}))
     run = read_run(out)
     ids = draw(load("extract_meshes").seed, run.sequences, count)
     cells = []
@@ -85,7 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("categories", nargs="*", default=["chair"])
     parser.add_argument("--steps", type=int, nargs="+", default=[2700, 8200])
-    parser.add_argument("--arms", nargs="+", default=["cagesdf", "cagesdf_occupancy"])
+    parser.add_argument("--arms", nargs="+", choices=["cagesdf", *ARMS], default=["cagesdf", "cagesdf_occupancy"])
     parser.add_argument("--shapes", type=int, default=4)
     options = parser.parse_args()
     torch.set_num_threads(1)
