@@ -27,13 +27,14 @@ from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.seeds import item_rng
 from cagesdf.synthesis.writing import read_recipes
 from cagesdf.training.batches import Batch, MemoryBatches, latent_keys, training_chunks, training_set
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.inference import OneShape, infer
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.precision import processor
-from pipeline import TrainParams, item_rng, load
+from pipeline import TrainParams, load
 from stages.train import free_codes
 
 DECODERS = ("PlainTriplaneDecoder", "TriplaneDecoder", "RelationTriplaneDecoder")

@@ -11,6 +11,7 @@ SOLIDS = {"errors", "frames", "cuboid", "meshes", "solid", "distance"}
 # A file or folder of cagesdf, and what else of cagesdf it may import.
 ALLOWED = {
     "errors": set(),
+    "seeds": set(),
     "text": {"errors"},
     "frames": {"errors"},
     "cuboid": {"errors", "frames"},

@@ -82,7 +82,8 @@ def generate(
 
     from cagesdf.generating import STABILITIES, code_source, counts, has_cuboids, in_order, orders
     from cagesdf.io.runs import read_run
-    from pipeline.executor import item_rng, workers
+    from cagesdf.seeds import item_rng
+    from pipeline.executor import workers
 
     torch.set_num_threads(1)
     trained = read_run(run)
@@ -129,8 +130,8 @@ def _drawn(
     """Cages with the numbers of their draws, as they are taken. InputError if nothing draws them."""
     from cagesdf.generating import CageDraws, has_cuboids, of_program
     from cagesdf.io.generators import GENERATOR, read_generator
+    from cagesdf.seeds import item_rng
     from cagesdf.structure.parsing import read_program
-    from pipeline.executor import item_rng
 
     if not has_cuboids(trained):
         return ((number, None) for number in range(count))
@@ -162,7 +163,7 @@ def _maker(
     """What makes a shape of an order, with random numbers of its own."""
     from cagesdf.extraction import LOOSE
     from cagesdf.generating import Extracting, make_shape
-    from pipeline.executor import item_rng
+    from cagesdf.seeds import item_rng
 
     how = Extracting(resolution, LOOSE["keep"], POINTS, stability)
 
