@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cagesdf.cli.fitting import settings_of
 from cagesdf.cuboid import Sequence
-from cagesdf.inference import FitSettings, prepare
+from cagesdf.inference import FitSettings, prepare, usual_settings
 from cagesdf.io.points import read_points
 from cagesdf.io.runs import Run
 from cagesdf.io.sequences import read_sequences
@@ -97,7 +96,7 @@ def of_parts(groups: Batch, which: torch.Tensor) -> Batch:
 
 def row(decoder: str, category: str, options: argparse.Namespace) -> str:
     """A row of the table."""
-    base = settings_of()
+    base = usual_settings()
     settings = replace(base, inference=replace(base.inference, residual_steps=0))
     ids, others = split(category)
     validation = read_shapes(Path("data/shapes") / category).ids_of("val")

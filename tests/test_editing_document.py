@@ -6,12 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from untrained import untrained
 
-from cagesdf.cli.fitting import imported, settings_of
-from cagesdf.cli.viewing import DEMO
+from cagesdf.api.sources import imported
+from cagesdf.demo import DEMO
 from cagesdf.editing.document import Document
 from cagesdf.editing.script import MAX_OPERATIONS, Move, Redo, Resize, Style, Swap, Undo, dump, parse
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
+from cagesdf.inference import usual_settings
 from cagesdf.meshes import is_closed
 from cagesdf.viewing import opening
 
@@ -90,7 +91,7 @@ def test_a_script_ends_where_files_end(session: Session) -> None:
 
 
 def test_the_demo_opens_and_gives_a_closed_surface_and_is_small() -> None:
-    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None, imported, settings_of())
+    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
     assert is_closed(opened.session.live(48).surface(opened.session.opened(opened.first)).mesh)
     assert opened.generator is not None
     assert sum(path.stat().st_size for path in DEMO.rglob("*") if "__pycache__" not in path.parts) <= 4_000_000
