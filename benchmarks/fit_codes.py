@@ -21,6 +21,7 @@ import numpy as np
 
 from cagesdf import inference
 from cagesdf.api.sources import IMPORT
+from cagesdf.deformation import Trilinear
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.extraction import extract, field_of
@@ -47,7 +48,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
     for shape_id in ids:
         sequence = run.sequences[shape_id]
         field = field_of(run.decoder, run.latent(shape_id, 0), sequence.cages[0])
-        truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"])
+        truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"], Trilinear())
         rng = np.random.default_rng(0)
         drawn = truth.drawn(MEASURE["points"], rng)
         surface = Measured(extract(field, RESOLUTION).mesh)

@@ -1,4 +1,4 @@
-"""`cagesdf check` and `cagesdf sdf` as a user meets them."""
+"""`cagesdf check`, `cagesdf parts` and `cagesdf sdf` as a user meets them."""
 
 import io
 import json
@@ -15,7 +15,7 @@ from cagesdf.api import sources
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
 from cagesdf.formats.listing import find_shape
-from cagesdf.meshes import Mesh
+from cagesdf.meshes import Mesh, join
 
 command = test_cli.command  # the fixture
 SHARED = Path(__file__).parent.parent.parent / "shared/data"
@@ -55,7 +55,8 @@ def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command,
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
     out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
-    assert out.splitlines() == ["one: passed", "seat: passed"]
+    told = "parts found, 1: the file has a single group"
+    assert out.splitlines() == [f"one: passed; {told}", f"seat: passed; {told}"]
     assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
         "holed: repaired 1 capped of 2 parts",
         "sound: passed",
@@ -68,7 +69,19 @@ def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: C
     lines = command("check", tmp_path).splitlines()
     assert lines[0].startswith("not read: c.off; ")
     assert lines[1].startswith("each mesh file is a shape; ")
-    assert lines[2:] == ["a: passed", "b: repaired 1 merged of 1 parts"]
+    told = "parts found, 1: the file has a single group"
+    assert lines[2:] == [f"a: passed; {told}", f"b: repaired 1 merged of 1 parts; {told}"]
+
+
+def test_parts_writes_a_file_that_an_import_prefers_and_a_picture(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    write_ply(tmp_path / "in" / "chair.ply", join([BOX, toy.rod([0, -2, 0], [0, 0, 0], 0.3, 1.0)]))
+    told = json.loads(command("parts", tmp_path / "in" / "chair.ply", tmp_path / "out"))
+    assert (told["components"], told["parts"]) == (2, 2)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["chair.glb", "chair.parts.json"]
+    (tmp_path / "out" / "chair.parts.json").rename(tmp_path / "in" / "chair.parts.json")
+    assert command("check", tmp_path / "in") == "chair: passed; parts written, 2: a file beside the mesh has them\n"
+    assert "is there already" in command.complaint("parts", tmp_path / "in" / "chair.ply", tmp_path / "out")
 
 
 def test_check_says_each_shape_as_it_is_done(

@@ -53,7 +53,7 @@ def checked(sources: Iterable[ShapeSource]) -> Iterator[ShapeCheck]:
     """The check of each shape, as it is done."""
     for source in sources:
         try:
-            shape = import_shape(read_shape(source), **IMPORT)
+            shape = import_shape(read_shape(source), **IMPORT, parts="auto")
             yield ShapeCheck(source.shape_id, True, verdict(shape))
         except ShapeRejected as error:
             yield ShapeCheck(source.shape_id, False, f"rejected: {error.reason}")
@@ -67,7 +67,7 @@ def signed_distance(meshes: Source, points: ndarray | Sequence[Sequence[float]])
     """
     points = np.asarray(points)
     check_points(points)
-    shape = imported(meshes)
+    shape = imported(meshes, "given")
     check_points(points, shape)
     return signed_distances(shape, points.astype(np.float64))
 
@@ -89,10 +89,13 @@ def check_points(points: ndarray, shape: Shape | None = None) -> None:
         )
 
 
-def imported(source: Source) -> Shape:
-    """The one shape of a source, its parts closed. Raises InputError if there are others, or it can't be used."""
+def imported(source: Source, parts: str = "auto") -> Shape:
+    """The one shape of a source, its parts closed; `parts` as for `import_shape`.
+
+    Raises InputError if there are others, or it can't be used.
+    """
     try:
-        return import_shape(_raw(source), **IMPORT)
+        return import_shape(_raw(source), **IMPORT, parts=parts)
     except ShapeRejected as error:
         name = source if isinstance(source, (Path, str)) else error.shape_id
         raise InputError(f"{name}: rejected: {error.reason}") from error

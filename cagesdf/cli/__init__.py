@@ -14,7 +14,7 @@ from cagesdf.cli.generating import generate
 from cagesdf.cli.inspecting import inspect
 from cagesdf.cli.planning import plan
 from cagesdf.cli.programs import execute_programs, signature
-from cagesdf.cli.shapes import check, sdf
+from cagesdf.cli.shapes import check, parts, sdf
 from cagesdf.cli.surfaces import edit, extract, mix, swap
 from cagesdf.cli.viewing import view
 from cagesdf.errors import InputError, ShapeRejected
@@ -25,7 +25,7 @@ app = cyclopts.App(
     version=lambda: version("cagesdf"),
     version_flags=["--version"],
 )
-for command in (view, inspect, extract, edit, swap, mix, fit, generate, signature, check, sdf, plan):
+for command in (view, inspect, extract, edit, swap, mix, fit, generate, signature, check, parts, sdf, plan):
     app.command(command)
 app.command(execute_programs, name="execute")
 

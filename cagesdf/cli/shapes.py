@@ -3,11 +3,12 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cagesdf.errors import InputError
-from cagesdf.io.files import check_folder, replacing
+from cagesdf.io.files import check_folder, new_folder, replacing
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -19,7 +20,8 @@ MAX_POINTS = 20_000_000
 def check(*sources: Path, include: str = "*") -> None:
     """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
 
-    A folder's shapes are those that `make own` would take; what else is in it is said first. Exit status 1 if any
+    A folder's shapes are those that `make own` would take; what else is in it is said first. Parts of a single mesh are
+    found, and it is said whether those of a file were taken and why. Exit status 1 if any
     was rejected.
 
     Parameters
@@ -45,6 +47,64 @@ def check(*sources: Path, include: str = "*") -> None:
         raise InputError(f"{rejected:,} of {sum(map(len, listings)):,} shapes rejected")
 
 
+def parts(source: Path, out: Path, /) -> None:
+    """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
+
+    Prints how well cuboids hold them as a JSON object. Beside the shape, `make own` prefers the file to finding parts.
+
+    Parameters
+    ----------
+    source
+        A mesh file or a folder of meshes: one shape, upright (y up). Its groups are joined.
+    out
+        A new folder, in one that exists.
+    """
+    import numpy as np
+
+    from cagesdf.api.sources import IMPORT
+    from cagesdf.cuboid import Cage
+    from cagesdf.errors import NotSolidError, ShapeRejected
+    from cagesdf.fitting.boxes import fit_cuboid
+    from cagesdf.formats.listing import find_shape, read_shape
+    from cagesdf.frames import canonical_similarity
+    from cagesdf.io.exports import Model, write_model
+    from cagesdf.meshes import Mesh, join
+    from cagesdf.parts.cutting import MIN_SIZE, SLACK
+    from cagesdf.parts.finding import as_written, find_parts
+    from cagesdf.parts.written import SUFFIX, written_json
+    from cagesdf.solid import CUBE_FACES, union
+
+    if out.exists():
+        raise InputError(f"{out}: is there already; name a new folder")
+    check_folder(out)
+    try:
+        raw = read_shape(replace(find_shape(source), written=None))
+        mesh = join([part.mesh for part in raw.parts])
+        placement = canonical_similarity(mesh.vertices, IMPORT["up"])
+        canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
+        found = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
+    except ShapeRejected as error:
+        raise InputError(f"{source}: rejected: {error.reason}") from error
+    except NotSolidError as error:
+        raise InputError(f"{source}: its surface {error}") from error
+
+    def as_given(mesh: Mesh) -> Mesh:
+        return mesh.with_vertices(placement.to_raw(mesh.vertices))
+
+    cage = Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in found.parts})
+    boxes = {
+        name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
+    }
+    solids = {part.name: as_given(part.mesh) for part in found.parts}
+    model = Model.of(as_given(union([part.mesh for part in found.parts])), solids, boxes)
+    with new_folder(out) as folder:
+        write_model(folder / f"{raw.shape_id}.glb", model)
+        text = written_json(as_written(found, placement))
+        (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
+    counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
+    print(json.dumps({"out": str(out), **counts}, ensure_ascii=False))
+
+
 def sdf(source: Path, points: Path, out: Path, /) -> None:
     """Write the signed distances of points to a shape, in its own frame and unit, negative inside.
 
@@ -68,7 +128,7 @@ def sdf(source: Path, points: Path, out: Path, /) -> None:
         raise InputError(f"{out}: wanted a name that ends in .npy, and not that of the points")
     check_folder(out)
     places = _read_points(points)
-    shape = imported(source)
+    shape = imported(source, "given")
     with _named(points):
         check_points(places, shape)
     distances = signed_distances(shape, places.astype(np.float64)).astype(np.float32)

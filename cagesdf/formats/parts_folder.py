@@ -7,6 +7,7 @@ structure is flat; labels are the letters in the parts' names ("left_leg_2" is "
 import os
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from cagesdf.errors import InputError
@@ -56,7 +57,7 @@ def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
     if not parts:
         raise InputError(f"{path}: has no faces; wanted a part in each of its groups or nodes")
     ids = distinct_names(name for name, _ in parts)
-    return flat_shape(shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True)))
+    return replace(flat_shape(shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True))), whole=True)
 
 
 def _natural(path: Path) -> tuple[list[str | int], str]:
