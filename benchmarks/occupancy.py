@@ -25,8 +25,9 @@ from cagesdf.extraction.promises import count_pieces
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.meshes import sample_surface
+from cagesdf.seeds import draw, item_rng
 from cagesdf.training.precision import processor
-from pipeline import draw, item_rng, load
+from pipeline import load
 from pipeline.workspace import profile_settings
 
 MEET = 0.01  # of the longest side: points this near to two cuboids are where parts meet
