@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -147,43 +148,60 @@ def draw_with_vtk(scene: Scene, view: View, size: int) -> Image:
     """One picture by VTK. Call it in a process that may crash; `render_rows` does."""
     import pyvista
 
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[SUPERSAMPLING * size] * 2, lighting="none")
+    occluded = bool(scene.meshes) and scene.cage is None
+    plotter = _plotter(size, occluded)
+    plotter.clear_actors()
     material = {"ambient": AMBIENT, "specular": 0.1, "specular_power": 18}
     for mesh, colour in zip(scene.meshes, scene.colours):
         if len(mesh.faces):
             surface = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces.astype(int))
-            plotter.add_mesh(
-                surface, color=colour, smooth_shading=True, split_sharp_edges=True, feature_angle=CREASE, **material
-            )
+            smooth = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": CREASE}
+            plotter.add_mesh(surface, color=colour, render=False, **smooth, **material)
     for corners, colour in _boxes(scene):
         faces = pyvista.PolyData.from_regular_faces(corners, CUBE_FACES.astype(int))
-        plotter.add_mesh(faces, color=colour, opacity=BOX_ALPHA, culling="back", ambient=0.35)
+        plotter.add_mesh(faces, color=colour, opacity=BOX_ALPHA, culling="back", ambient=0.35, render=False)
         lines = pyvista.PolyData(corners, lines=np.insert(EDGES, 0, 2, axis=1).ravel())
-        plotter.add_mesh(lines, color=colour, line_width=LINE_WIDTH * SUPERSAMPLING * size, lighting=False)
+        width = LINE_WIDTH * SUPERSAMPLING * size
+        plotter.add_mesh(lines, color=colour, line_width=width, lighting=False, render=False)
+    _look(plotter.camera, view)
+    on_black, on_white = _photographs(plotter, opaque=scene.cage is None)
+    return _unblend(_shrink(on_black), _shrink(on_white))
+
+
+@cache
+def _plotter(size: int, occluded: bool) -> Any:
+    """A window with lights, kept for all pictures of this process: a new one takes as long as a picture.
+
+    `occluded` darkens what other faces keep the light from.
+    """
+    import pyvista
+
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[SUPERSAMPLING * size] * 2, lighting="none")
     for direction, strength in LIGHTS:
         light = pyvista.Light(position=np.array(direction) @ CAMERA, intensity=strength)
         light.positional = False
         plotter.add_light(light)
-    if scene.meshes and scene.cage is None:
+    if occluded:
         plotter.enable_ssao(radius=0.16, bias=0.012, kernel_size=32, blur=True)
-    _look(plotter.camera, view)
-    on_black, on_white = _photographs(plotter, opaque=scene.cage is None)
-    plotter.close()
-    return _unblend(_shrink(on_black), _shrink(on_white))
+    return plotter
 
 
 def _photographs(plotter: Any, opaque: bool) -> tuple[Float[ndarray, "h w 3"], Float[ndarray, "h w 3"]]:
     """The picture on black and on white (0 to 255)."""
     if opaque:
+        plotter.render()
         image = np.array(plotter.screenshot(return_img=True, transparent_background=True), dtype=np.float64)
         alpha = image[..., 3:] / 255
         return image[..., :3] * alpha, image[..., :3] * alpha + 255 * (1 - alpha)
     # VTK writes no alpha for translucent faces, so it has to draw twice.
-    plotter.set_background("black")
-    on_black = np.array(plotter.screenshot(return_img=True), dtype=np.float64)
-    plotter.set_background("white")
+    on_black, on_white = (_photograph(plotter, background) for background in ("black", "white"))
+    return on_black, on_white
+
+
+def _photograph(plotter: Any, background: str) -> Float[ndarray, "h w 3"]:
+    plotter.set_background(background)
     plotter.render()
-    return on_black, np.array(plotter.screenshot(return_img=True), dtype=np.float64)
+    return np.array(plotter.screenshot(return_img=True), dtype=np.float64)
 
 
 def _boxes(scene: Scene) -> list[tuple[Float[ndarray, "8 3"], str]]:

@@ -86,6 +86,7 @@ class DeformParams(Params):
     steps: Count  # of a sequence, the rest shape among them
     held_out: tuple[Natural, ...]  # steps kept from training
     interpolation: Literal["cuboids", "program"]  # of what, where a shape has a program
+    transfer: Literal["trilinear", "keep_details"]  # of surfaces: details stretch with their cuboid, or keep their size
     max_rejected: Share
 
 
@@ -122,7 +123,14 @@ class SampleParams(Params):
 class TrainParams(Params):
     """One arm: network, data and schedule."""
 
-    decoder: Literal["TriplaneDecoder", "CageDecoder", "DeepSdfDecoder"]
+    decoder: Literal[
+        "TriplaneDecoder",
+        "PlainTriplaneDecoder",
+        "RelationTriplaneDecoder",
+        "OccupancyDecoder",
+        "CageDecoder",
+        "DeepSdfDecoder",
+    ]
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
     reach: NonNegative  # CageDecoder: of its cuboid, of the points that count; canonical units
@@ -137,7 +145,7 @@ class TrainParams(Params):
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count
-    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none, as OccupancyDecoder must have it
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps

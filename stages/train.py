@@ -24,6 +24,7 @@ from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import LatentTable
+from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import Ranks, joined_ranks
@@ -32,7 +33,7 @@ from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
 from cagesdf.training.precision import fitting_precision, processor
 from cagesdf.training.residuals import rest_residuals
-from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
+from pipeline import TrainParams, artefact, counter, device, run_stage
 from pipeline.memory import memory
 
 
@@ -44,7 +45,7 @@ def main(points: Path, shapes: Path, cuboids: Path, sequences: Path, out: Path, 
     inputs = {"points": points, "shapes": shapes, "cuboids": cuboids, "sequences": sequences}
     with joined_ranks() as ranks:
         # The manifest, the run and the checkpoint's digest hold what was used. All ranks have the first one's.
-        precision = ranks.told(fitting_precision(params.precision, device()))
+        precision = ranks.broadcast(fitting_precision(params.precision, device()))
         params = params.model_copy(update={"precision": precision})
         if ranks.first:
             with artefact.write("run", out, inputs=inputs, params=params) as folder:
@@ -62,7 +63,7 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
     """
     source, cages = read_shapes(inputs["shapes"]), read_sequences(inputs["sequences"])
     rng = item_rng(params.seed, "train")
-    room = ranks.told(memory() // ranks.size)  # all must read in the same way
+    room = ranks.broadcast(memory() // ranks.size)  # all must read in the same way
     decoder = make_decoder(params.decoder, **params.model_dump(exclude={"decoder"})).to(device())
     data = open_points(inputs["points"], cages, params.steps_of, decoder.trains_on, params.reach, rng, room)
     checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, data, ranks))

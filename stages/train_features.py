@@ -19,10 +19,11 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.io.features import Features, read_features, write_features
 from cagesdf.models.pointnet import make_classifier
+from cagesdf.seeds import item_rng
 from cagesdf.synthesis.dataset import CATEGORIES, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.training.features import ClassifierSettings, classify, train_classifier
-from pipeline import FeaturesParams, artefact, counter, item_rng, parallel_map, run_stage
+from pipeline import FeaturesParams, artefact, counter, parallel_map, run_stage
 
 
 def main(out: Path, params: FeaturesParams) -> None:
@@ -36,7 +37,7 @@ def main(out: Path, params: FeaturesParams) -> None:
         features = read_features(given["weights"]) if given else trained(drawn("train", params.train, params), params)
         accuracy = {"shapes": len(held_out), **accuracy_of(features, held_out)}
         write_features(folder, features, accuracy)
-        print(f"{len(features.classes)} classes; of {len(held_out)} held-out shapes recognised: {told(accuracy)}")
+        print(f"{len(features.classes)} classes; of {len(held_out)} held-out shapes recognised: {listed(accuracy)}")
 
 
 def drawn(name: str, count: int, params: FeaturesParams) -> Clouds:
@@ -97,7 +98,7 @@ def accuracy_of(features: Features, clouds: Clouds) -> dict[str, Any]:
     }
 
 
-def told(accuracy: dict[str, Any]) -> str:
+def listed(accuracy: dict[str, Any]) -> str:
     """Both shares in words."""
     shares = [(name, accuracy[name]) for name in ("category", "family")]
     return ", ".join(f"{name} {'not known' if share is None else f'{share:.1%}'}" for name, share in shares)

@@ -59,7 +59,7 @@ def test_alone_nothing_is_summed_and_nobody_is_waited_for(monkeypatch: pytest.Mo
         one = torch.ones(2)
         ranks.add([one])
         assert torch.equal(one, torch.ones(2))
-        assert ranks.told({"a": 1}) == {"a": 1}
+        assert ranks.broadcast({"a": 1}) == {"a": 1}
         ranks.wait()
 
 

@@ -94,7 +94,7 @@ def test_any_name_goes_through_the_stages(tmp_path: Path, monkeypatch: pytest.Mo
     )
     deform_sequences.main(
         shapes, cuboids, matches, sequences,
-        DeformParams(format=1, steps=3, held_out=(1,), interpolation="cuboids", max_rejected=0.0),
+        DeformParams(format=1, steps=3, held_out=(1,), interpolation="cuboids", transfer="trilinear", max_rejected=0.0),
     )  # fmt: skip
     for shape in read_shapes(shapes):
         structure = shape.structure

@@ -113,6 +113,18 @@ def test_the_same_scenes_give_the_same_pictures() -> None:
         np.testing.assert_array_equal(a, b)
 
 
+def test_a_picture_does_not_depend_on_those_drawn_before_it() -> None:
+    cage = box((0, 0.2, 0))
+    boxes = Scene(cage=cage, cage_colours=("#00ff00",))
+    both = Scene((cage_surface(cage),), ("#0000ff",), cage, ("#00ff00",))
+    scenes = [surface(cage, "#ff0000"), boxes, both]
+    order = (2, 0, 1, 1, 0, 2)
+    alone = [render_rows([[scene]], 32)[0][0][0] for scene in scenes]
+    rows, _ = render_rows([[scenes[i]] for i in order], 32)
+    for i, (picture,) in zip(order, rows):
+        np.testing.assert_array_equal(picture, alone[i])
+
+
 @pytest.mark.parametrize("windows", [(), ("vtkNoSuchRenderWindow",)])
 def test_matplotlib_draws_where_opengl_does_not(windows: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rendering, "WINDOWS", windows)

@@ -18,7 +18,6 @@ from cagesdf.cli.shapes import check, parts, sdf
 from cagesdf.cli.surfaces import edit, extract, mix, swap
 from cagesdf.cli.viewing import view
 from cagesdf.errors import InputError, ShapeRejected
-from pipeline.errors import PipelineError
 
 app = cyclopts.App(
     "cagesdf",
@@ -39,7 +38,7 @@ def run() -> None:
         # Who read the output has seen enough; what is still buffered must go somewhere when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except (cyclopts.CycloptsError, InputError, ShapeRejected, PipelineError, OSError) as error:
+    except (cyclopts.CycloptsError, InputError, ShapeRejected, OSError) as error:
         text = " ".join(str(error).split())
         sys.exit(f"cagesdf: {text}{' See cagesdf --help.' if isinstance(error, cyclopts.CycloptsError) else ''}")
     except KeyboardInterrupt:

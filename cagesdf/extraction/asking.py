@@ -110,7 +110,7 @@ def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
 def settle(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"]) -> None:
     """Carry bounds to a sublattice from the points around it, which lie on earlier ones.
 
-    A neighbour's bound less what the way there may take from it; on the last halving, along each axis where points lie
+    A neighbour's bound less what the distance to it may take; on the last halving, along each axis where points lie
     halfway, also the mean of two neighbours of one sign, less BEND steps. The farthest from 0 is kept.
     """
     target = _every(bound, strides, first)
@@ -118,14 +118,15 @@ def settle(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, ste
     for signs in product(*((-1, 0, 1) if start else (0,) for start in first)):
         if not any(signs) or (max(strides) == 2 and np.count_nonzero(signs) > 1):
             continue  # on the last halving, which costs most, along the axes alone: a twentieth more points is asked
-        way = [sign * stride // 2 for sign, stride in zip(signs, strides)]
-        source = _every(bound, strides, tuple(map(add, first, way)))[tuple(map(slice, target.shape))]
-        part, loss = tuple(map(slice, source.shape)), np.float32(LIPSCHITZ * np.linalg.norm(way * steps))
+        offset = [sign * stride // 2 for sign, stride in zip(signs, strides)]
+        source = _every(bound, strides, tuple(map(add, first, offset)))[tuple(map(slice, target.shape))]
+        part, loss = tuple(map(slice, source.shape)), np.float32(LIPSCHITZ * np.linalg.norm(offset * steps))
         np.maximum(high[part], source - loss, out=high[part])
         np.minimum(low[part], source + loss, out=low[part])
     for axis in (k for k in range(3) if strides[k] == 2 and first[k] == 1):
         below, above = (
-            _every(bound, strides, tuple(start + way * (k == axis) for k, start in enumerate(first))) for way in (-1, 1)
+            _every(bound, strides, tuple(start + offset * (k == axis) for k, start in enumerate(first)))
+            for offset in (-1, 1)
         )
         part = tuple(map(slice, above.shape))
         below, loss = below[part], np.float32(BEND * steps[axis])
@@ -162,10 +163,10 @@ def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known:
 
 def ends(negative: Bool[ndarray, "r s t"]) -> Bool[ndarray, "r s t"]:
     """The points that have a neighbour of the other sign along an axis."""
-    found = np.zeros(negative.shape, dtype=bool)
+    crossed = np.zeros(negative.shape, dtype=bool)
     for axis in range(3):
         low, high = (slice(None),) * axis + (slice(None, -1),), (slice(None),) * axis + (slice(1, None),)
         differ = negative[low] != negative[high]
-        found[low] |= differ
-        found[high] |= differ
-    return found
+        crossed[low] |= differ
+        crossed[high] |= differ
+    return crossed

@@ -96,7 +96,7 @@ def _between(corners: Int[ndarray, "3 f"], owner: Int[ndarray, " v"]) -> Int[nda
 
 
 def _edges_that_come_twice(faces: Int[ndarray, "3 f"], count: int) -> Int[ndarray, " e"]:
-    """Those of a closed surface that have more than two faces, as tail · count + head."""
+    """Edges of a closed surface with more than two faces, as tail · count + head."""
     tail, head = faces.astype(np.int64), np.roll(faces, -1, axis=0)
     edges = np.sort((tail * count + head)[tail < head])
     return edges[1:][edges[1:] == edges[:-1]]

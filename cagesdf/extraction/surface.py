@@ -102,8 +102,8 @@ class LiveSurface:
         # The largest first, so that no thread is left alone with it.
         order = sorted(range(len(keys)), key=lambda k: -field.cage.size[k].prod())
         unknown = {keys[k]: k for k in order if keys[k] not in known}
-        found = self.each(lambda k: part_of(field, k, self.cell, self.fineness, self.method), unknown.values())
-        new = dict(zip(unknown, found))
+        answers = self.each(lambda k: part_of(field, k, self.cell, self.fineness, self.method), unknown.values())
+        new = dict(zip(unknown, answers))
         parts = [(known | new)[key] for key in keys]
         self._before, self._last = self._last, dict(zip(keys, parts))
         return self._finished(field.cage, keys, parts, sum(part.asked for part in new.values()))

@@ -155,10 +155,10 @@ class _Hull:
         """A lower bound on boxes with a face normal to each direction: height × area of the shadow."""
         bounds = np.empty(len(normals))
         for start in range(0, len(normals), BATCH):  # what is at work stays in the cache
-            own = normals[start : start + BATCH]
-            facing = own @ self.normals.T
+            batch = normals[start : start + BATCH]
+            facing = batch @ self.normals.T
             shadows = np.abs(facing, out=facing) @ self.areas / 2
-            bounds[start : start + BATCH] = np.maximum(self.heights(own), self.min_size) * shadows
+            bounds[start : start + BATCH] = np.maximum(self.heights(batch), self.min_size) * shadows
         return bounds
 
     def boxes_on(self, normals: Float[ndarray, "k 3"], limit: float) -> _Boxes:
@@ -206,26 +206,26 @@ def _thickened(points: Float[ndarray, "n 3"], min_size: float) -> Float[ndarray,
 
 
 def _search(hull: _Hull, slack: float) -> _Boxes:
-    """Boxes that contain the hull: those of least volume, and others found on the way, of more than `slack` not all."""
+    """Boxes that contain the hull: of those larger than the least by up to `slack`, not all."""
     normals = hull.planes()
     bounds = hull.least_volumes(normals)
     order = np.argsort(bounds, kind="stable")
-    found = hull.boxes_along(np.eye(3)[None])
+    boxes = hull.boxes_along(np.eye(3)[None])
     count = max(1, min(BATCH, BATCH_EDGES // len(hull.edges)))
     for start in range(0, len(order), count):
         # Planes come by their lower bound: once it is above the best volume, no later one matters.
         batch = order[start : start + count]
-        batch = batch[bounds[batch] <= (1 + slack) * found.volume.min()]
+        batch = batch[bounds[batch] <= (1 + slack) * boxes.volume.min()]
         if len(batch) == 0:
             break
         frames = nearest_frames(normals[batch])
-        found = _Boxes.joined([found, hull.boxes_on(normals[batch], found.limit(slack)), hull.boxes_along(frames)])
+        boxes = _Boxes.joined([boxes, hull.boxes_on(normals[batch], boxes.limit(slack)), hull.boxes_along(frames)])
     least = np.inf
-    while found.volume.min() < least * (1 - GAIN):
-        least = found.volume.min()
-        others = found.best(POLISHED).axes.reshape(-1, 3)
-        found = _Boxes.joined([found, hull.boxes_on(others, found.limit(slack))])
-    return found
+    while boxes.volume.min() < least * (1 - GAIN):
+        least = boxes.volume.min()
+        others = boxes.best(POLISHED).axes.reshape(-1, 3)
+        boxes = _Boxes.joined([boxes, hull.boxes_on(others, boxes.limit(slack))])
+    return boxes
 
 
 def _cross(normals: Float[ndarray, "k 3"], others: Float[ndarray, "k s 3"]) -> Float[ndarray, "k s 3"]:

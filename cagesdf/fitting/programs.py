@@ -61,8 +61,8 @@ def fitting_loss(cage: Cage, boxes: Cage, points: Float[ndarray, "p n 3"]) -> fl
     `boxes` are the parts' minimum-volume boxes as `match_axes` names them; `points` are n on the surface of each part.
     """
     hinges = [
-        np.maximum(Cage.of({part_id: cuboid}).signed_distance(own) + ROOM, 0).mean()
-        for (part_id, cuboid), own in zip(cage.cuboids().items(), points, strict=True)
+        np.maximum(Cage.of({part_id: cuboid}).signed_distance(surface) + ROOM, 0).mean()
+        for (part_id, cuboid), surface in zip(cage.cuboids().items(), points, strict=True)
     ]
     return float(np.mean(hinges) + np.abs(cage.vectors() - boxes.vectors()).sum() / len(cage))
 
@@ -187,8 +187,8 @@ class _Problem:
             for _ in range(1 + JUMPS):
                 if beyond is None or best.loss < enough:
                     break
-                found, beyond = self._descend(beyond, radius, enough)
-                best = min(best, found, key=lambda state: state.loss)
+                least, beyond = self._descend(beyond, radius, enough)
+                best = min(best, least, key=lambda state: state.loss)
             if best is start:  # nor do shorter steps lead from there
                 break
         return best
@@ -201,10 +201,10 @@ class _Problem:
     def _trial(self, state: _State, step: Float[ndarray, " t"]) -> _State | None:
         """The state after a step; None if there the program doesn't execute, or to cuboids without size."""
         try:
-            found = self._state(state.program.with_parameters(state.program.parameters() + step))
+            after = self._state(state.program.with_parameters(state.program.parameters() + step))
         except ProgramError:
             return None
-        return found if found.vectors[:, 12:].min() > 0 else None
+        return after if after.vectors[:, 12:].min() > 0 else None
 
     def _bent(
         self,
@@ -287,7 +287,7 @@ class _Problem:
             ),
             shape=(m + c, len(cost)),
         )
-        found = milp(
+        solution = milp(
             cost,
             bounds=Bounds(0, upper),
             constraints=LinearConstraint(
@@ -297,11 +297,11 @@ class _Problem:
             ),
             options={"presolve": False},
         )
-        if found.x is None:
+        if solution.x is None:
             return np.zeros(t), 0.0
-        step = found.x[:t] - found.x[t : 2 * t]
+        step = solution.x[:t] - solution.x[t : 2 * t]
         before = np.abs(residual).sum() / p + (model.value if c else 0.0)
-        after = np.abs(residual + slopes @ step).sum() / p + drift @ step + found.x[2 * t + 2 * m :].sum()
+        after = np.abs(residual + slopes @ step).sum() / p + drift @ step + solution.x[2 * t + 2 * m :].sum()
         return step, float(before - after)
 
 

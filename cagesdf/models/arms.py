@@ -7,10 +7,19 @@ import torch
 
 from cagesdf.errors import InputError
 from cagesdf.models.decoders import CageDecoder, Decoder, DeepSdfDecoder
-from cagesdf.models.triplane import TriplaneDecoder
+from cagesdf.models.occupancy import OccupancyDecoder
+from cagesdf.models.triplane import PlainTriplaneDecoder, RelationTriplaneDecoder, TriplaneDecoder
 
 DECODERS: dict[str, type[Decoder]] = {
-    decoder.__name__: decoder for decoder in (TriplaneDecoder, CageDecoder, DeepSdfDecoder)
+    decoder.__name__: decoder
+    for decoder in (
+        TriplaneDecoder,
+        PlainTriplaneDecoder,
+        RelationTriplaneDecoder,
+        OccupancyDecoder,
+        CageDecoder,
+        DeepSdfDecoder,
+    )
 }
 
 

@@ -1,11 +1,12 @@
 """The codes of a shape's parts, from the shape's code and its whole cage."""
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from torch import Tensor, nn
 from torch.nn.functional import gelu, scaled_dot_product_attention
 
 from cagesdf.errors import InputError
+from cagesdf.models.relations import RELATIONS, relations
 from cagesdf.models.sines import sine_features
 
 CUBOID_OCTAVES = 2  # sine features of a cuboid's numbers: where it lies, in a form that layers can tell apart
@@ -38,9 +39,40 @@ class CageTransformer(nn.Module):
         """Codes of the parts that are `present`; the others' mean nothing, and none depends on them."""
         of_shape = latent[:, None].expand(-1, cuboids.shape[1], -1)
         tokens = self.embed(torch.cat([of_shape, cuboids, sine_features(cuboids, CUBOID_OCTAVES)], dim=-1))
+        seen = self.seen(cuboids, present)
         for layer in self.layers:
-            tokens = layer(tokens, latent, present)
+            tokens = layer(tokens, latent, seen)
         return self.out(self.norm(tokens, latent))
+
+    def seen(self, cuboids: Float[Tensor, "s p c"], present: Bool[Tensor, "s p"]) -> Shaped[Tensor, "#s #h #p p"]:
+        """What each token sees of the others, by head: a mask, or what is added before the softmax. Here all of it."""
+        return present[:, None, None]
+
+
+class BlindTransformer(CageTransformer):
+    """Tokens that don't see each other: a part's code follows from its cuboid and the shape's code alone."""
+
+    def seen(self, cuboids: Float[Tensor, "s p c"], present: Bool[Tensor, "s p"]) -> Shaped[Tensor, "#s #h #p p"]:
+        """Each itself."""
+        return torch.eye(cuboids.shape[1], dtype=torch.bool, device=cuboids.device)[None, None]
+
+
+class RelationTransformer(CageTransformer):
+    """Attention that knows how cuboids relate (`relations`): a bias for each kind and head, as Graphormer's edges have.
+
+    Ying et al. 2021. The biases are zero as training starts.
+    """
+
+    def __init__(self, latent_dim: int, cuboid: int, width: int, layers: int, heads: int, code_dim: int) -> None:
+        """As `CageTransformer`."""
+        super().__init__(latent_dim, cuboid, width, layers, heads, code_dim)
+        self.biases = nn.Linear(len(RELATIONS), heads, bias=False)
+        nn.init.zeros_(self.biases.weight)
+
+    def seen(self, cuboids: Float[Tensor, "s p c"], present: Bool[Tensor, "s p"]) -> Shaped[Tensor, "#s #h #p p"]:
+        """Biases by relation."""
+        biases = self.biases(relations(cuboids).to(cuboids.dtype)).permute(0, 3, 1, 2)
+        return biases.masked_fill(~present[:, None, None], -torch.inf)
 
 
 class ModulatedNorm(nn.Module):
@@ -72,13 +104,13 @@ class ModulatedAttention(nn.Module):
         self.gates = nn.Linear(latent_dim, 2 * width)
 
     def forward(
-        self, tokens: Float[Tensor, "s p w"], latent: Float[Tensor, "s d"], present: Bool[Tensor, "s p"]
+        self, tokens: Float[Tensor, "s p w"], latent: Float[Tensor, "s d"], seen: Shaped[Tensor, "#s #h #p p"]
     ) -> Float[Tensor, "s p w"]:
-        """Tokens that have seen the present ones of their cage."""
+        """Tokens that have looked at others of their cage: those of a mask, or all with biases."""
         count, parts, width = tokens.shape
         gates = 1 + self.gates(latent)[:, None]
         given = self.into(self.before_attention(tokens, latent)).view(count, parts, 3, self.heads, width // self.heads)
         query, key, value = given.permute(2, 0, 3, 1, 4)
-        seen = scaled_dot_product_attention(query, key, value, attn_mask=present[:, None, None])
-        tokens = tokens + gates[..., :width] * self.out(seen.transpose(1, 2).reshape(count, parts, width))
+        read = scaled_dot_product_attention(query, key, value, attn_mask=seen)
+        tokens = tokens + gates[..., :width] * self.out(read.transpose(1, 2).reshape(count, parts, width))
         return tokens + gates[..., width:] * self.second(gelu(self.first(self.before_layers(tokens, latent))))

@@ -8,6 +8,7 @@ in all of its cuboid, whichever other cuboids reach into it; parts are joined by
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -18,7 +19,7 @@ from cagesdf.frames import BEYOND, LEAST_UNIT
 from cagesdf.models.decoders import CUBOID, Decoder, to_unit
 from cagesdf.models.film import MappingNetwork, modulated
 from cagesdf.models.sines import sine_features
-from cagesdf.models.transformer import CageTransformer
+from cagesdf.models.transformer import BlindTransformer, CageTransformer, RelationTransformer
 
 PLANES = tuple(combinations(range(3), 2))  # the axes of each plane
 OWNERS = (0, 2, 1)  # one of them, another for each plane
@@ -28,6 +29,8 @@ class TriplaneDecoder(Decoder):
     """Distance to a part's own surface, by its code: planes · MLP, times the cuboid's smallest length."""
 
     trains_on = "part"
+    trusted = 0.5
+    context: ClassVar[type[CageTransformer]] = CageTransformer  # what makes the parts' codes
 
     def __init__(
         self,
@@ -52,7 +55,7 @@ class TriplaneDecoder(Decoder):
         self.code_dim = code_dim
         self.cells = cells
         self.channels = channels
-        self.transformer = CageTransformer(latent_dim, CUBOID, context, context_layers, heads, code_dim)
+        self.transformer = self.context(latent_dim, CUBOID, context, context_layers, heads, code_dim)
         self.planes = nn.Linear(code_dim, 3 * channels * cells**2)
         self.mapping = MappingNetwork(code_dim + 3, mapping, layers, width)
         inputs = 3 * channels + 3 + 6 * octaves
@@ -124,8 +127,8 @@ class TriplaneDecoder(Decoder):
         """The planes' features at points of the unit frame, between cells bilinearly; beyond, the border's."""
         count, points = unit.shape[:2]
         places = torch.stack([unit[..., axes] for axes in PLANES], dim=1).view(3 * count, 1, points, 2)
-        found = _bilinear(planes.reshape(3 * count, self.channels, self.cells, self.cells), places)
-        return found.view(count, 3 * self.channels, points).transpose(1, 2)
+        features = _bilinear(planes.reshape(3 * count, self.channels, self.cells, self.cells), places)
+        return features.view(count, 3 * self.channels, points).transpose(1, 2)
 
     def _split(self, condition: Float[Tensor, "g ..."]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Planes, scales and shifts by layer, and unit, of groups."""
@@ -133,6 +136,18 @@ class TriplaneDecoder(Decoder):
         planes, film, unit = condition.split(sizes, dim=1)  # slices would have a gradient of the whole, mostly zeros
         scales, shifts = film.view(len(film), len(self.hidden), 2, -1).unbind(dim=2)
         return planes, 1 + scales, shifts, unit
+
+
+class PlainTriplaneDecoder(TriplaneDecoder):
+    """The same with codes of parts that don't see each other."""
+
+    context = BlindTransformer
+
+
+class RelationTriplaneDecoder(TriplaneDecoder):
+    """The same with attention that knows how cuboids relate."""
+
+    context = RelationTransformer
 
 
 def _bilinear(images: Float[Tensor, "k c r r"], places: Float[Tensor, "k a b 2"]) -> Float[Tensor, "k c a b"]:

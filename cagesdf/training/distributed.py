@@ -15,7 +15,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-Told = TypeVar("Told")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Ranks:
         for tensor, total in zip(tensors, sums, strict=True):
             tensor.copy_(total.view_as(tensor))
 
-    def told(self, thing: Told) -> Told:
+    def broadcast(self, thing: Value) -> Value:
         """What the first rank has for `thing`, tensors on the CPU; those of the others are ignored."""
         if self.size == 1:
             return thing
