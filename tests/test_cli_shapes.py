@@ -37,9 +37,13 @@ def write_shapes(folder: Path) -> None:
     (folder / "bad" / "seat.obj").write_text("v 0 0 0\nf 1 2 3\n")
 
 
-def test_they_import_as_the_pipeline_does() -> None:
-    params = yaml.safe_load((Path(__file__).parent.parent / "params.yaml").read_text(encoding="utf-8"))
-    assert {name: params["import_shapes"][name] for name in sources.IMPORT} == sources.IMPORT
+def test_they_import_as_the_pipeline_does_with_own_data() -> None:
+    root = Path(__file__).parent.parent
+    base, own = (
+        yaml.safe_load((root / name).read_text(encoding="utf-8")) for name in ("params.yaml", "profiles/own.yaml")
+    )
+    params = base["import_shapes"] | own["import_shapes"]
+    assert {name: params[name] for name in sources.IMPORT} == sources.IMPORT
 
 
 def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command: Command, tmp_path: Path) -> None:

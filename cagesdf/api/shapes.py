@@ -17,6 +17,8 @@ from cagesdf.editing.script import (
     Axis,
     Blend,
     Build,
+    Delete,
+    Duplicate,
     End,
     Frame,
     Harmonise,
@@ -29,6 +31,7 @@ from cagesdf.editing.script import (
     Scale,
     Script,
     Set,
+    Split,
     Style,
     Swap,
     Undo,
@@ -243,6 +246,22 @@ class EditableShape(ModelledShape):
     ) -> "EditableShape":
         """Turn cuboids by degrees, counter-clockwise seen from the axis's tip. `mirror`, `repeat` as for `move`."""
         return self._do(Rotate, part=part, axis=axis, angle=angle, frame=frame, mirror=mirror, repeat=repeat)
+
+    def duplicate(
+        self, part: str, by: Iterable[float], *, mirror: bool = True, repeat: bool = False
+    ) -> "EditableShape":
+        """Repeat cuboids x, y, z away; the copies look as their originals do. `mirror`, `repeat` as for `move`."""
+        return self._do(Duplicate, part=part, by=tuple(by), mirror=mirror, repeat=repeat)
+
+    def delete(self, part: str, *, mirror: bool = True, repeat: bool = False) -> "EditableShape":
+        """Take cuboids away. `mirror`, `repeat` as for `move`."""
+        return self._do(Delete, part=part, mirror=mirror, repeat=repeat)
+
+    def split(
+        self, part: str, axis: Axis, at: float = 0.5, *, mirror: bool = True, repeat: bool = False
+    ) -> "EditableShape":
+        """Cut cuboids in two across an axis, `at` a share of their length. `mirror`, `repeat` as for `move`."""
+        return self._do(Split, part=part, axis=axis, at=at, mirror=mirror, repeat=repeat)
 
     def scale(self, factors: Iterable[float]) -> "EditableShape":
         """Stretch the whole cage along x, y and z about the centre of the box that the shape had at first."""

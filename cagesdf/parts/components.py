@@ -4,7 +4,7 @@ Faces hang together if they share a vertex, after welding, whatever group or nod
 solid by the chain of `solid.make_solid`; one that lies within another is no part of the surface and is left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import manifold3d
 import numpy as np
@@ -38,16 +38,21 @@ def components(mesh: Mesh, tolerance: float, min_thickness: float) -> list[Compo
     welded = weld(mesh, tolerance)
     if len(welded.faces) == 0:
         raise NotSolidError("has no faces with an area; export it again")
+    first = "merged" if len(welded.vertices) < len(mesh.vertices) else "none"
+
+    def closing(patch: Mesh) -> list[Component]:
+        solid = make_solid(patch, tolerance, min_thickness)
+        return _solids(replace(solid, method=max(first, solid.method, key=METHODS.index)), len(patch.faces))
+
     closed: list[Component] = []
     sheets: list[Mesh] = []
     for patch in _connected(welded):
         try:
-            closed += _solids(make_solid(patch, tolerance, min_thickness), len(patch.faces))
+            closed += closing(patch)
         except NotSolidError:
             sheets.append(patch)
     if sheets and (not closed or _share(sheets, mesh) > HIDDEN):
-        joined = join(sheets)
-        closed += _solids(make_solid(joined, tolerance, min_thickness), len(joined.faces))
+        closed += closing(join(sheets))
     return _visible(sorted(closed, key=lambda component: -component.solid.volume()))
 
 

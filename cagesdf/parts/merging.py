@@ -19,7 +19,7 @@ from cagesdf.parts.cutting import MIN_SIZE, SLACK, Fragment, hull_points
 
 SMALL = 0.05  # share of the other's cuboid: a component that may be merged
 ENLARGED = 0.02  # share by which it may enlarge that
-SPECK = 2e-3  # share of all cuboids: a component that is merged with any neighbour
+SPECK = 2e-3  # share of all cuboids: a component that is merged with a neighbour if that costs less than a cuboid
 MAX_PARTS = 48  # of a shape
 
 
@@ -61,7 +61,7 @@ def merged(fragments: list[Fragment], price: float) -> list[Group]:
     def belongs(a: Group, b: Group, added: float) -> bool:
         small, large = sorted((a.volume, b.volume))
         enlarged = added + small
-        return small < SMALL * large and (enlarged < ENLARGED * large or small < SPECK * total)
+        return small < SMALL * large and (enlarged < ENLARGED * large or (small < SPECK * total and added < price))
 
     pairs.merge(belongs)
     pairs.reduce(MAX_PARTS)
