@@ -89,7 +89,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("categories", nargs="*", default=["chair"])
     parser.add_argument("--steps", type=int, nargs="+", default=[2700, 8200])
-    parser.add_argument("--arms", nargs="+", choices=["cagesdf", *ARMS], default=["cagesdf", "cagesdf_occupancy"])
+    parser.add_argument("--arms", nargs="+", choices=["cagesdf", *ARMS], default=["cagesdf", "cagesdf_distance"])
     parser.add_argument("--shapes", type=int, default=4)
     options = parser.parse_args()
     torch.set_num_threads(1)
