@@ -24,8 +24,9 @@ from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.seeds import draw, item_rng
 from cagesdf.training.precision import processor
-from pipeline import draw, item_rng, load
+from pipeline import load
 from stages import train
 
 CELLS = 128

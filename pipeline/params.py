@@ -52,6 +52,7 @@ class ImportParams(Params):
 
     include: str  # glob over shape names; "*" takes all
     up: Literal["y", "z"]  # up axis of the files
+    parts: Literal["given", "found", "auto"]  # by files, in the surface, or there where a file's groups are no parts
     weld: Positive  # vertices nearer than this are one, canonical units
     max_faces: Count  # a shape
     max_parts: Count  # a shape
@@ -123,7 +124,12 @@ class TrainParams(Params):
     """One arm: network, data and schedule."""
 
     decoder: Literal[
-        "TriplaneDecoder", "PlainTriplaneDecoder", "RelationTriplaneDecoder", "CageDecoder", "DeepSdfDecoder"
+        "TriplaneDecoder",
+        "PlainTriplaneDecoder",
+        "RelationTriplaneDecoder",
+        "OccupancyDecoder",
+        "CageDecoder",
+        "DeepSdfDecoder",
     ]
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
@@ -139,7 +145,7 @@ class TrainParams(Params):
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count
-    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none, as OccupancyDecoder must have it
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps

@@ -17,8 +17,9 @@ from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
 from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.seeds import item_rng
 from cagesdf.solid import cage_surface
-from pipeline import EvaluateParams, artefact, item_rng, parallel_map, run_stage
+from pipeline import EvaluateParams, artefact, parallel_map, run_stage
 
 
 def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: EvaluateParams) -> None:

@@ -19,7 +19,8 @@ from cagesdf.io.progress import write_progress
 from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of
 from cagesdf.io.sequences import read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from pipeline import ProgressParams, artefact, draw, item_rng, parallel_map, run_stage
+from cagesdf.seeds import draw, item_rng
+from pipeline import ProgressParams, artefact, parallel_map, run_stage
 
 
 def main(runs: Path, shapes: Path, sequences: Path, out: Path, params: ProgressParams) -> None:

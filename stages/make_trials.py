@@ -19,10 +19,11 @@ from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.io.trials import write_trials
 from cagesdf.meshes import Mesh
+from cagesdf.seeds import draw, item_rng
 from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
-from pipeline import TrialsParams, artefact, draw, item_rng, parallel_map, run_stage
+from pipeline import TrialsParams, artefact, parallel_map, run_stage
 
 
 def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsParams) -> None:

@@ -19,8 +19,9 @@ from cagesdf.io.rejected import write_rejected
 from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
+from cagesdf.seeds import item_rng
 from cagesdf.solid import union
-from pipeline import SampleParams, artefact, item_rng, parallel_groups, run_stage
+from pipeline import SampleParams, artefact, parallel_groups, run_stage
 
 KINDS: tuple[PointsOf, ...] = ("shape", "part")
 

@@ -5,8 +5,8 @@ part which repeats another is: go there, change, come back.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation as Turn
 from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
 from cagesdf.editing.state import State
 from cagesdf.structure.base import Structure
-from cagesdf.structure.relations import Reflection, Rotation, Translation
+from cagesdf.structure.relations import Reflection, Relation, Rotation, Translation
 
 Change = Callable[[Cuboid], Cuboid]
 
@@ -92,42 +92,67 @@ class Motion:
 
 
 def mirrors(state: State) -> Links:
-    """By part, the parts that mirror it according to the structure, and in which plane.
-
-    A relation between nodes pairs the parts below them: each with the one that is nearest to its mirror image.
-    """
+    """By part, the parts that mirror it according to the structure, and in which plane."""
     found: Links = {part: {} for part in state.cage.part_ids}
-    for relation in state.structure.relations():
-        if not isinstance(relation, Reflection):
-            continue
-        normal = np.array(relation.normal) / state.stretch
-        length = np.linalg.norm(normal)
-        if not length > 0:  # files may say so; it is no plane
-            continue
-        mirror = Mirror(np.array(relation.point) * state.stretch, normal / length)
-        ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
-        for a, b in _nearest(state.cage, ours, theirs, mirror):
-            found[a][b] = found[b][a] = mirror
+    for a, b, link in _pairs(state):
+        if isinstance(link, Mirror):
+            found[a][b] = found[b][a] = link
     return found
 
 
 def repeats(state: State) -> Links:
     """By part, those that are the same part moved or turned to another place, and which motion leads there."""
     found: Links = {part: {} for part in state.cage.part_ids}
-    for relation in state.structure.relations():
-        match relation:
-            case Translation(offset=offset):
-                motion = Motion(np.eye(3), np.array(offset) * state.stretch)
-            case Rotation(pivot=pivot, axis=axis, angle=angle):
-                turn = Turn.from_rotvec(angle * np.array(axis)).as_matrix()
-                centre = np.array(pivot) * state.stretch
-                motion = Motion(turn, centre - turn @ centre)
-            case _:
-                continue
-        ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
-        for a, b in _nearest(state.cage, ours, theirs, motion):
-            found[a][b], found[b][a] = motion, motion.inverse()
+    for a, b, link in _pairs(state):
+        if isinstance(link, Motion):
+            found[a][b], found[b][a] = link, link.inverse()
     return found
+
+
+def followed(state: State, mirror: bool, repeat: bool) -> list[Links]:
+    """The links along which other parts follow."""
+    return [kind(state) for kind, follow in ((mirrors, mirror), (repeats, repeat)) if follow]
+
+
+def link_of(relation: Relation, state: State) -> Link | None:
+    """How its part b is made of its part a, the state being stretched; None where it says nothing of that."""
+    match relation:
+        case Reflection(point=point, normal=normal):
+            across = np.array(normal) / state.stretch
+            length = np.linalg.norm(across)
+            # Files may name no direction at all, which is no plane.
+            return Mirror(np.array(point) * state.stretch, across / length) if length > 0 else None
+        case Translation(offset=offset):
+            return Motion(np.eye(3), np.array(offset) * state.stretch)
+        case Rotation(pivot=pivot, axis=axis, angle=angle):
+            turn = Turn.from_rotvec(angle * np.array(axis)).as_matrix()
+            centre = np.array(pivot) * state.stretch
+            return Motion(turn, centre - turn @ centre)
+    return None
+
+
+def part_relations(state: State) -> tuple[Relation, ...]:
+    """The structure's relations, as relations between parts.
+
+    One between nodes pairs the parts below them: each with the one that is nearest to its image. Groups that touch say
+    nothing of which of their parts do.
+    """
+    found: list[Relation] = []
+    for relation in state.structure.relations():
+        ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
+        link = link_of(relation, state)
+        if link is not None:
+            found += [replace(relation, a=a, b=b) for a, b in _nearest(state.cage, ours, theirs, link)]
+        elif (relation.a, relation.b) == (ours[0], theirs[0]):
+            found.append(relation)
+    return tuple(found)
+
+
+def _pairs(state: State) -> Iterator[tuple[str, str, Link]]:
+    for relation in part_relations(state):
+        link = link_of(relation, state)
+        if link is not None:
+            yield relation.a, relation.b, link
 
 
 def locked(state: State, changes: Mapping[str, Change], links: Sequence[Links]) -> dict[str, Change]:

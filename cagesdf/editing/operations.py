@@ -9,11 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.deformation import scaled_cage
-from cagesdf.editing.links import Change, Links, linked, locked, mirrors, repeats
+from cagesdf.editing.links import Change, followed, linked, locked
+from cagesdf.editing.members import deleted, duplicated, split
 from cagesdf.editing.parts import part_names, select, with_parameter
 from cagesdf.editing.script import (
     Blend,
     Build,
+    Delete,
+    Duplicate,
     Harmonise,
     Mix,
     Move,
@@ -24,6 +27,8 @@ from cagesdf.editing.script import (
     Scale,
     Script,
     Set,
+    Split,
+    Step,
     Style,
     Swap,
     Undo,
@@ -71,14 +76,16 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
                 return history.then(_after(history.present, operation, styles))
 
 
-def _after(
-    state: State,
-    operation: Move | Resize | Rotate | Scale | Set | Swap | Blend | Mix | Style | Build | Harmonise,
-    styles: Styles,
-) -> State:
+def _after(state: State, operation: Step, styles: Styles) -> State:
     match operation:
         case Move() | Resize() | Rotate():
             return _sound(_change_parts(state, operation))
+        case Duplicate():
+            return _sound(duplicated(state, operation))
+        case Delete():
+            return deleted(state, operation)
+        case Split():
+            return _sound(split(state, operation))
         case Scale(factors=factors):
             return _sound(scaled(state, factors))
         case Set(parameter=parameter, value=value):
@@ -97,7 +104,7 @@ def _after(
         case Build(structure=text, frame=numbers):
             return _sound(built(state, text, numbers))
         case Harmonise():
-            return replace(state, seen=state.cage)
+            return replace(state, seen=state.cage, like={})
 
 
 def mixed(state: State, operation: Mix, styles: Styles) -> State:
@@ -111,7 +118,7 @@ def mixed(state: State, operation: Mix, styles: Styles) -> State:
             "this arm has one style for the whole shape; take one whose parts have codes, such as cagesdf, or blend"
         )
     other = styles.named(operation.style_of)
-    parts = linked(select(state.structure, operation.part), _links(state, operation))
+    parts = linked(select(state.structure, operation.part), followed(state, operation.mirror, operation.repeat))
     partners = corresponding(state, other, operation.source)
     part_styles = dict(state.part_styles)
     for part in parts:
@@ -212,16 +219,10 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
             change = _turned_together(state, parts, operation)
         case Rotate():
             change = _turned(state, operation)
-    every = locked(state, dict.fromkeys(parts, change), _links(state, operation))
+    every = locked(state, dict.fromkeys(parts, change), followed(state, operation.mirror, operation.repeat))
     return state.with_cage(
         Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
     )
-
-
-def _links(state: State, operation: Move | Resize | Rotate | Mix) -> list[Links]:
-    """The links along which other parts follow an operation's."""
-    kinds = ((mirrors, operation.mirror), (repeats, operation.repeat))
-    return [kind(state) for kind, follow in kinds if follow]
 
 
 def _moved_in_own_frame(state: State, by: tuple[float, float, float]) -> Change:

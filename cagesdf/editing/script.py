@@ -10,7 +10,7 @@ is `operations.py`'s.
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -46,6 +46,7 @@ Factors = Annotated[
     tuple[_Factor, _Factor, _Factor], Field(description="three numbers [x, y, z], each from 0.01 to 100")
 ]
 Weight = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1, description="a number from 0 to 1")]
+Share = Annotated[float, Field(allow_inf_nan=False, gt=0, lt=1, description="a number between 0 and 1")]
 Parameter = Annotated[str, Field(min_length=1, max_length=1000, description="a parameter's name, as inspect lists it")]
 ShapeId = Annotated[str, Field(min_length=1, max_length=1000, description="the id of a shape")]
 Axis = Annotated[Literal["x", "y", "z"], Field(description="x, y or z")]
@@ -101,6 +102,36 @@ class Rotate(_Operation):
     frame: Frame = "cuboid"
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
+
+
+class Duplicate(_Operation):
+    """Repeat cuboids in another place: the copies look as their originals do, and repeat them from then on."""
+
+    op: Literal["duplicate"] = "duplicate"
+    part: Part  # id, name or label, with *, ? and | (or)
+    by: Vector  # to where, along x, y, z, the user's unit
+    mirror: Switch = True  # parts that mirror these are duplicated, mirrored
+    repeat: Switch = False  # parts that repeat these are duplicated, too
+
+
+class Delete(_Operation):
+    """Take cuboids away."""
+
+    op: Literal["delete"] = "delete"
+    part: Part  # id, name or label, with *, ? and | (or)
+    mirror: Switch = True  # parts that mirror these go, too
+    repeat: Switch = False  # parts that repeat these go, too
+
+
+class Split(_Operation):
+    """Cut cuboids in two: the lower end keeps id and place in the structure, the other one is a new part."""
+
+    op: Literal["split"] = "split"
+    part: Part  # id, name or label, with *, ? and | (or)
+    axis: Axis  # of the cuboid, across which it is cut
+    at: Share = 0.5  # of its length, from its low end
+    mirror: Switch = True  # parts that mirror these are cut, mirrored
+    repeat: Switch = False  # parts that repeat these are cut, too
 
 
 class Scale(_Operation):
@@ -179,12 +210,13 @@ class Redo(_Operation):
     op: Literal["redo"] = "redo"
 
 
-Operation = Move | Resize | Rotate | Scale | Set | Swap | Blend | Mix | Style | Build | Harmonise | Undo | Redo
+# What leads from state to state.
+Step = (
+    Move | Resize | Rotate | Duplicate | Delete | Split | Scale | Set | Swap | Blend | Mix | Style | Build | Harmonise
+)
+Operation = Step | Undo | Redo
 Script = tuple[Operation, ...]
-KINDS: dict[str, type[BaseModel]] = {
-    kind.model_fields["op"].default: kind
-    for kind in (Move, Resize, Rotate, Scale, Set, Swap, Blend, Mix, Style, Build, Harmonise, Undo, Redo)
-}
+KINDS: dict[str, type[BaseModel]] = {kind.model_fields["op"].default: kind for kind in get_args(Operation)}
 
 _SCRIPT: TypeAdapter[Script] = TypeAdapter(
     Annotated[

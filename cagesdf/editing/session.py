@@ -67,10 +67,14 @@ class Session:
         )
 
     def edited(self, state: State, script: Script) -> History:
-        """What a script leads to. Raises InputError as `operations.edited`, and for an arm that knows no cuboids."""
+        """What a script leads to. Raises InputError as `operations.edited` and `check_editable`."""
+        self.check_editable()
+        return edited(state, script, self.styles)
+
+    def check_editable(self) -> None:
+        """Raise InputError for an arm that knows no cuboids."""
         if self.run.decoder.trains_on == "cube":
             raise InputError("this arm was trained without cuboids: there is nothing to edit; take one such as cagesdf")
-        return edited(state, script, self.styles)
 
     def live(
         self,
@@ -106,7 +110,9 @@ def state_field(run: Run, state: State) -> CageField:
     """The field of a state: its parts have the codes of its latent, but for those with a style of their own."""
     device = run.latents.values.device
     field = field_of(run.decoder, torch.from_numpy(state.latent).to(device), state.cage, state.seen)
-    codes = field.codes.clone()
+    if field.cage is not state.cage:  # of a decoder that doesn't know cuboids
+        return field
+    codes = field.codes[[state.seen.part_ids.index(state.seen_as(part)) for part in state.cage.part_ids]]
     # Parts of one other shape come from one evaluation of its cage.
     known: dict[tuple[bytes, bytes], Float[Tensor, "p k"]] = {}
     for part, steps in state.part_styles.items():
@@ -116,9 +122,10 @@ def state_field(run: Run, state: State) -> CageField:
             key = step.latent.tobytes(), cage.vectors().tobytes()
             if key not in known:
                 known[key] = part_codes(run.decoder, torch.from_numpy(step.latent).to(device), cage)
+            own = state.seen_as(part) if step.cage is None else step.part
             # At both ends of the way, lerp gives the end itself, to the last bit.
-            codes[row] = torch.lerp(codes[row], known[key][cage.part_ids.index(step.part)], step.weight)
-    return CageField(run.decoder, codes, field.cage)
+            codes[row] = torch.lerp(codes[row], known[key][cage.part_ids.index(own)], step.weight)
+    return CageField(run.decoder, codes, state.cage)
 
 
 def model_of(found: Extraction, state: State) -> Model:

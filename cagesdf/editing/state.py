@@ -28,18 +28,25 @@ class State:
     """All that a surface follows from but the network."""
 
     cage: Cage  # canonical
-    seen: Cage  # that part codes are made from, canonical: cuboids move, and what isn't touched stays as it is
+    # That part codes are made from, canonical: cuboids move, come and go, and what isn't touched stays as it is.
+    seen: Cage
     structure: Structure  # canonical; the cage follows from its program, if it has one, where nothing was moved by hand
     latent: Float32[ndarray, " d"]
     similarity: Similarity  # raw → canonical: raw is the frame that operations speak of
     stretch: Float[ndarray, " 3"]  # of the whole since it was opened, along the canonical axes
     # By id, for parts with a style of their own: steps from the code that latent and `seen` give, in order.
     part_styles: Mapping[str, tuple[PartStyle, ...]] = field(default_factory=dict)
+    # By id, for parts that came after `seen`: the part of it whose code they have.
+    like: Mapping[str, str] = field(default_factory=dict)
 
     @staticmethod
     def opened(cage: Cage, structure: Structure, latent: Float32[ndarray, " d"], similarity: Similarity) -> "State":
         """A shape that nothing was done to."""
         return State(cage, cage, structure, latent, similarity, np.ones(3))
+
+    def seen_as(self, part: str) -> str:
+        """The part of `seen` whose code a part has."""
+        return self.like.get(part, part)
 
     def with_cage(self, cage: Cage) -> "State":
         """The same parts in other cuboids."""

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from cagesdf.cuboid import Cage
 from cagesdf.editing.parts import select
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
@@ -46,10 +47,11 @@ def corresponding(state: State, other: State, pattern: str | None) -> dict[str, 
     called = None if pattern is None else select(other.structure, pattern)
     ours, theirs = state.structure.labels(), other.structure.labels()
     equal = state.structure.signature() == other.structure.signature()
-    pairs = dict(correspond(state.structure, state.seen, other.structure, other.cage)) if equal else {}
+    seen = Cage.of({part: state.seen[state.seen_as(part)] for part in state.cage.part_ids})
+    pairs = dict(correspond(state.structure, seen, other.structure, other.cage)) if equal else {}
     centres = dict(zip(other.cage.part_ids, relative_centres(other.cage)))
     partners = {}
-    for part, centre in zip(state.seen.part_ids, relative_centres(state.seen)):
+    for part, centre in zip(seen.part_ids, relative_centres(seen)):
         partner = pairs.get(part)
         if partner is None or (called is not None and partner not in called):
             same = [name for name in other.cage.part_ids if ours[part] and theirs[name] == ours[part]]

@@ -122,6 +122,7 @@ ARMS = {
     "cagesdf_global_noaug": "the paper's network, trained on rest shapes only",
     "cagesdf_plain": "cagesdf, codes of parts that don't see each other",
     "cagesdf_relations": "cagesdf, attention that knows how cuboids relate",
+    "cagesdf_occupancy": "cagesdf with a logit in place of the distance",
     "deepsdf": "the baseline: one latent code a shape, no cuboids",
     "deepsdf_sine": "the baseline, given sine features of the points",
 }
