@@ -5,9 +5,13 @@ The files that take longest come first, so that no worker ends long after the ot
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+if TYPE_CHECKING:
+    from cagesdf.editing.session import Session
 
 for name in ("OMP_NUM_THREADS", "IGL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -22,6 +26,14 @@ LONGEST = (
     "test_collection", "test_cluster", "test_faults", "test_lanes", "test_report",
 )  # fmt: skip
 LONG_NAME = 60  # characters
+
+
+@pytest.fixture(scope="module")
+def session() -> "Session":
+    """Two chairs, a and b, in one cage, and a network that was never trained."""
+    from untrained import untrained
+
+    return untrained()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import test_cli
 import test_cli_surfaces
+import test_inference_shapes
 import test_stage_generate
 import toy
 import trimesh
@@ -24,7 +26,7 @@ from cagesdf.editing.script import KINDS
 from cagesdf.io.exports import as_stored
 from cagesdf.meshes import Mesh
 
-command = test_cli.command  # the fixture
+command, run_folder = test_cli.command, test_inference_shapes.run_folder  # the fixtures
 ROOT = Path(__file__).parent.parent
 EDITS: list[tuple[str, dict[str, Any]]] = [
     ("move", {"part": "arm_1", "by": (0.05, 0.02, 0.0)}),
@@ -230,6 +232,31 @@ def test_check_says_of_each_shape_what_the_command_prints(command: Command, tmp_
     assert [(item.shape_id, item.usable) for item in checks] == [("bad", False), ("sound", True)]
     command.complaint("check", tmp_path)
     assert command.capsys.readouterr().out.splitlines() == [str(item) for item in checks]
+
+
+def test_a_fitted_shape_has_the_bytes_of_the_one_that_the_command_writes(
+    command: Command, run_folder: Path, tmp_path: Path
+) -> None:
+    source = test_inference_shapes.write_pair(tmp_path / "new")
+    command("fit", run_folder, source, tmp_path / "out", "--resolution", 24, "--seed", 3)
+    shape = cagesdf.load_run(run_folder).fit(source, seed=3)
+    shape.save(tmp_path / "api.ply", 24)
+    assert (tmp_path / "api.ply").read_bytes() == (tmp_path / "out" / "surface.ply").read_bytes()
+    edited = shape.editable().move("a", by=(0.1, 0.0, 0.0), mirror=False)
+    assert edited.cuboids["a"].centre[0] == pytest.approx(shape.cuboids["a"].centre[0] + 0.1)
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/api.md"])
+def test_the_examples_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks
+    names: dict[str, Any] = {}
+    exec("\n".join(blocks), names)
+    assert names["mesh"].is_volume
+    written = [path for path in tmp_path.iterdir() if path.suffix in (".glb", ".ply")]
+    assert written
+    assert all(trimesh.load_scene(path).geometry for path in written)
 
 
 def loaded(code: str) -> set[str]:

@@ -24,11 +24,6 @@ MOVES = (
 )
 
 
-@pytest.fixture(scope="module")
-def session() -> Session:
-    return untrained()
-
-
 def opened(session: Session) -> Document:
     return Document.opened("a", session.opened("a"))
 

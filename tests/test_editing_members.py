@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_editing_operations import chair, do, is_mirrored, jug
-from untrained import untrained
 
 from cagesdf.cuboid import Cage
 from cagesdf.editing import members
@@ -31,11 +30,6 @@ COMING_AND_GOING = st.one_of(
         Split, part=patterns, axis=st.sampled_from("xyz"), at=st.floats(0.3, 0.7), mirror=switches, repeat=switches
     ),
 )
-
-
-@pytest.fixture(scope="module")
-def session() -> Session:
-    return untrained()
 
 
 def touched(before: State, after: State) -> set[str]:

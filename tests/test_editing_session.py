@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from untrained import untrained
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.operations import apply, edited
@@ -41,12 +40,6 @@ EDITS: tuple[Operation, ...] = (
     Scale(factors=(1.1, 1.0, 0.9)),
     Mix(part="leg_*|back", style_of="b", weight=0.7),
 )
-
-
-@pytest.fixture(scope="module")
-def session() -> Session:
-    """Two chairs in one cage, and a network that was never trained."""
-    return untrained()
 
 
 def test_edits_one_by_one_give_the_bytes_of_the_whole_script_at_once(session: Session, tmp_path: Path) -> None:

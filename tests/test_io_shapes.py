@@ -1,5 +1,7 @@
 """Shapes on disk: what is written is read, and nothing else is."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import manifold3d
@@ -11,7 +13,9 @@ import pytest
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import Similarity
 from cagesdf.io.cuboids import read_cages
+from cagesdf.io.generators import read_generator
 from cagesdf.io.rejected import read_rejected, write_rejected
+from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import PARTS, read_shapes, write_shapes
 from cagesdf.shape import Part, Repair, Shape
 from cagesdf.solid import from_manifold
@@ -55,6 +59,22 @@ def test_an_unknown_shape_is_refused_and_the_known_are_named(tmp_path: Path) -> 
     write_shapes(tmp_path, [made("a")])
     with pytest.raises(InputError, match="no shape 'c'; it holds a"):
         read_shapes(tmp_path).read("c")
+
+
+@pytest.mark.parametrize(
+    ("read", "kind", "file"),
+    [
+        (read_run, "a run", "arm.json"),
+        (read_generator, "a generator", "generator.json"),
+        (read_shapes, "a folder of shapes", "shapes.parquet"),
+    ],
+)
+def test_a_folder_of_another_kind_is_refused_with_the_kind_that_was_wanted(
+    read: Callable[[Path], object], kind: str, file: str, tmp_path: Path
+) -> None:
+    for folder, wrong in ((tmp_path, f"isn't {kind}: it has no {file}"), (tmp_path / "none", "no such folder")):
+        with pytest.raises(InputError, match=rf"^{folder}: {re.escape(wrong)}; wanted {kind}, .* such as data/"):
+            read(folder)
 
 
 def test_tables_of_another_kind_version_or_origin_are_refused_by_name(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from untrained import untrained
 
 from cagesdf.editing.operations import edited
 from cagesdf.editing.script import Move
@@ -16,11 +15,6 @@ from cagesdf.editing.state import State
 from cagesdf.viewing.worker import COARSE, FINE, Made, Worker
 
 PATIENCE = 600.0  # seconds: only a broken worker takes them
-
-
-@pytest.fixture(scope="module")
-def session() -> Session:
-    return untrained()
 
 
 class Seen:

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cagesdf.cli.surfaces import RunFolder
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
 
 
-def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, seed: int = 0) -> None:
+def fit(run: RunFolder, source: Path, out_dir: Path, /, *, resolution: int = 128, seed: int = 0) -> None:
     """Find the cuboids and the code of a shape that a network was not trained on, and write the surface it gives.
 
     Prints what became of it as a JSON object. Its verdict says whether the shape is like those that the network was
@@ -18,8 +19,6 @@ def fit(run: Path, source: Path, out_dir: Path, /, *, resolution: int = 128, see
 
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf.
     source
         A mesh file, a folder of part meshes, or a PartNet shape: one shape, upright (y up).
     out_dir

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from cagesdf.cli.machine import workers
+from cagesdf.cli.surfaces import RunFolder
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
 
@@ -25,7 +26,7 @@ AHEAD = 2  # shapes for each worker that may be made before they are written
 
 
 def generate(
-    run: Path,
+    run: RunFolder,
     /,
     *,
     out: Path,
@@ -45,8 +46,6 @@ def generate(
 
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf.
     out
         A new folder, in one that exists: a mesh and a program (.txt) or hierarchy (.json) for each shape, canonical
         (y up, centred, in the unit sphere); index.jsonl with a line for each; sheet.png, a picture of the first 64.

@@ -5,7 +5,9 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
 
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, replacing
@@ -13,19 +15,32 @@ from cagesdf.io.files import check_folder, replacing
 if TYPE_CHECKING:
     from cagesdf.api.shapes import EditableShape
 
+# Parameters that several commands have, with their help.
+RunFolder = Annotated[Path, Parameter(help="A folder that `train` wrote, such as data/runs/chair/cagesdf.")]
+OutFile = Annotated[
+    Path,
+    Parameter(
+        help="A .ply, .obj, .stl or .glb file in a folder that exists; .obj and .glb are cut into parts, .glb has the "
+        "cuboids too (as a second scene)."
+    ),
+]
+Resolution = Annotated[int, Parameter(help="Cells along 2.1 times the radius of the shape's bounding sphere.")]
+Symmetry = Annotated[Literal["none", "x"], Parameter(help="x: a mirrored cage gets an exactly mirrored surface.")]
+CuboidsFile = Annotated[Path | None, Parameter(help="A file of these kinds for the cuboids alone.")]
+
 
 def extract(
-    run: Path,
+    run: RunFolder,
     shape_id: str,
-    out: Path,
+    out: OutFile,
     /,
     *,
-    resolution: int = 128,
+    resolution: Resolution = 128,
     step: int = 0,
     method: Literal["sparse", "dense"] = "sparse",
-    symmetry: Literal["none", "x"] = "none",
+    symmetry: Symmetry = "none",
     loose: Literal["keep", "drop"] = "keep",
-    cuboids: Path | None = None,
+    cuboids: CuboidsFile = None,
 ) -> None:
     """Write the surface that a trained network gives for one of its shapes, in the frame and unit of your files.
 
@@ -33,60 +48,39 @@ def extract(
 
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf.
     shape_id
         One of its training shapes.
-    out
-        A .ply, .obj, .stl or .glb file in a folder that exists; .obj and .glb are cut into parts, .glb has the
-        cuboids too (as a second scene).
-    resolution
-        Cells along 2.1 times the radius of the shape's bounding sphere.
     step
         Step of the shape's deformation sequence; 0 is the shape itself.
     method
         sparse: ask the network where the surface can be; dense: at every grid point inside a cuboid, for comparison.
-    symmetry
-        x: a mirrored cage gets an exactly mirrored surface.
     loose
         drop: leave pieces out that hang on to nothing.
-    cuboids
-        A file of these kinds for the cuboids alone.
     """
     work = _Work(run, out, cuboids, resolution, symmetry, method=method, loose=loose)
     work.write(work.run.open(shape_id, step))
 
 
 def edit(
-    run: Path,
+    run: RunFolder,
     shape_id: str,
     script: Path,
-    out: Path,
+    out: OutFile,
     /,
     *,
-    resolution: int = 128,
-    symmetry: Literal["none", "x"] = "none",
-    cuboids: Path | None = None,
+    resolution: Resolution = 128,
+    symmetry: Symmetry = "none",
+    cuboids: CuboidsFile = None,
 ) -> None:
     """Edit one of a trained network's shapes by a script and write its surface, as `extract` does.
 
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf.
     shape_id
         One of its training shapes.
     script
         A .json file: a list of operations, such as [{"op": "swap", "style_of": "chair_0007"}]; docs/editing.md has
         all of them, `cagesdf inspect RUN --shape ID` the names of parts and parameters.
-    out
-        A .ply, .obj, .stl or .glb file in a folder that exists.
-    resolution
-        Cells along 2.1 times the radius of the shape's bounding sphere.
-    symmetry
-        x: a mirrored cage gets an exactly mirrored surface.
-    cuboids
-        A file of these kinds for the cuboids alone.
     """
     from cagesdf.editing.script import MAX_BYTES, parse
     from cagesdf.text import read_text
@@ -100,69 +94,51 @@ def edit(
 
 
 def swap(
-    run: Path,
+    run: RunFolder,
     cuboids_of: str,
     style_of: str,
-    out: Path,
+    out: OutFile,
     /,
     *,
-    resolution: int = 128,
-    symmetry: Literal["none", "x"] = "none",
-    cuboids: Path | None = None,
+    resolution: Resolution = 128,
+    symmetry: Symmetry = "none",
+    cuboids: CuboidsFile = None,
 ) -> None:
     """Write the surface of one shape's cuboids in another's style, as `extract` does.
 
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf.
     cuboids_of
         The training shape whose cuboids are taken; its frame and unit, too.
     style_of
         The training shape whose latent code is taken.
-    out
-        A .ply, .obj, .stl or .glb file in a folder that exists.
-    resolution
-        Cells along 2.1 times the radius of the shape's bounding sphere.
-    symmetry
-        x: a mirrored cage gets an exactly mirrored surface.
-    cuboids
-        A file of these kinds for the cuboids alone.
     """
     work = _Work(run, out, cuboids, resolution, symmetry)
     work.write(work.run.open(cuboids_of).swap(style_of))
 
 
 def mix(
-    run: Path,
+    run: RunFolder,
     cuboids_of: str,
     parts: list[str],
-    out: Path,
+    out: OutFile,
     /,
     *,
-    resolution: int = 128,
-    symmetry: Literal["none", "x"] = "none",
-    cuboids: Path | None = None,
+    resolution: Resolution = 128,
+    symmetry: Symmetry = "none",
+    cuboids: CuboidsFile = None,
 ) -> None:
     """Write the surface of one shape with some of its parts in the styles of others, as `extract` does.
 
+    The run's arm is one whose parts have codes, such as cagesdf.
+
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf; of an arm whose parts have codes.
     cuboids_of
         The training shape whose cuboids are taken; its frame and unit, and the style of the other parts, too.
     parts
         One or more of PART=SHAPE, such as 'leg_*=chair_0007' or 'seat|back=chair_0003': which parts take the style of
         which training shape's corresponding parts. Parts that mirror or repeat these follow.
-    out
-        A .ply, .obj, .stl or .glb file in a folder that exists.
-    resolution
-        Cells along 2.1 times the radius of the shape's bounding sphere.
-    symmetry
-        x: a mirrored cage gets an exactly mirrored surface.
-    cuboids
-        A file of these kinds for the cuboids alone.
     """
     pairs = [text.rpartition("=") for text in parts]
     if wrong := next((text for text, (part, _, style_of) in zip(parts, pairs) if not part or not style_of), None):

@@ -25,7 +25,7 @@ from cagesdf.generation.novelty import Known
 from cagesdf.generation.program_vae import ProgramVAE
 from cagesdf.generation.programs import ProgramGenerator
 from cagesdf.generation.proportions import ProportionGenerator, families
-from cagesdf.io.metadata import Column, Layout
+from cagesdf.io.metadata import Column, Layout, check_kind
 from cagesdf.io.weights import (
     MAX_WIDTH,
     filled,
@@ -113,6 +113,9 @@ def read_generator(folder: Path) -> TrainedGenerator:
     without a cuboid and cuboids without a part, cuboids that are none or not those of their program, and files that
     aren't as the manifest has them.
     """
+    check_kind(
+        folder, GENERATOR, "a generator", "a folder that the train_programs stage wrote, such as data/programs/chair"
+    )
     path = folder / GENERATOR
     content = read_description(path)
     if content.get("kind") != KIND or content.get("version") != VERSION:

@@ -129,6 +129,16 @@ class TableFile(pq.ParquetFile):
             ) from error
 
 
+def check_kind(folder: Path, file: str, kind: str, wanted: str) -> None:
+    """Raise InputError unless the folder is of a kind, such as "a run", whose folders all hold this file.
+
+    `wanted` says where such folders come from, with an example.
+    """
+    if not (folder / file).is_file():
+        wrong = f"isn't {kind}: it has no {file}" if folder.is_dir() else "no such folder"
+        raise InputError(f"{folder}: {wrong}; wanted {kind}, {wanted}")
+
+
 def read_block(schema: pa.Schema, path: Path) -> dict[str, Any]:
     """The `cagesdf` block of a schema. Raises InputError if there is none."""
     if not schema.metadata or KEY not in schema.metadata:

@@ -27,7 +27,7 @@ from torch import Tensor
 from cagesdf.cuboid import Sequence
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
-from cagesdf.io.metadata import Column, Layout
+from cagesdf.io.metadata import Column, Layout, check_kind
 from cagesdf.io.sequences import CAGES, sequence_rows, sequences_of
 from cagesdf.io.weights import (
     MAX_LAYERS,
@@ -192,10 +192,7 @@ def read_snapshot(folder: Path, steps: int, device: torch.device | str = "cpu") 
 
 
 def _read_arm(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        wrong = f"isn't a run: it has no {path.name}" if path.parent.is_dir() else "no such folder"
-        wanted = "wanted a run, a folder that the train stage wrote, such as data/runs/chair/cagesdf"
-        raise InputError(f"{path.parent}: {wrong}; {wanted}")
+    check_kind(path.parent, path.name, "a run", "a folder that the train stage wrote, such as data/runs/chair/cagesdf")
     arm = read_description(path)
     if arm.get("kind") != KIND or arm.get("version") != VERSION:
         got = f"{arm.get('kind')!s:.60} version {arm.get('version')!s:.60}"

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
-from cagesdf.io.metadata import COMPRESSION, Column, Layout
+from cagesdf.io.metadata import COMPRESSION, Column, Layout, check_kind
 from cagesdf.meshes import Mesh
 from cagesdf.shape import GIVEN, AlignedPart, Audit, Origin, Part, Repair, Shape
 from cagesdf.structure.base import Structure
@@ -232,5 +232,7 @@ class ShapeFolder:
 
 
 def read_shapes(folder: Path) -> ShapeFolder:
-    """Open `shapes/` for reading, a shape at a time."""
+    """Open `shapes/` for reading, a shape at a time. Raises InputError for a folder of another kind."""
+    wanted = "a folder that the import_shapes stage wrote, such as data/shapes/chair"
+    check_kind(folder, "shapes.parquet", "a folder of shapes", wanted)
     return ShapeFolder(folder)
