@@ -18,22 +18,22 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cagesdf.cli.fitting import settings_of
 from cagesdf.cuboid import Sequence
-from cagesdf.inference import FitSettings, prepare
+from cagesdf.inference import FitSettings, prepare, usual_settings
 from cagesdf.io.points import read_points
 from cagesdf.io.runs import Run
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.seeds import item_rng
 from cagesdf.synthesis.writing import read_recipes
 from cagesdf.training.batches import Batch, MemoryBatches, latent_keys, training_chunks, training_set
 from cagesdf.training.checkpoint import Checkpoint
 from cagesdf.training.inference import OneShape, infer
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.precision import processor
-from pipeline import TrainParams, item_rng, load
+from pipeline import TrainParams, load
 from stages.train import free_codes
 
 DECODERS = ("PlainTriplaneDecoder", "TriplaneDecoder", "RelationTriplaneDecoder")
@@ -96,7 +96,7 @@ def of_parts(groups: Batch, which: torch.Tensor) -> Batch:
 
 def row(decoder: str, category: str, options: argparse.Namespace) -> str:
     """A row of the table."""
-    base = settings_of()
+    base = usual_settings()
     settings = replace(base, inference=replace(base.inference, residual_steps=0))
     ids, others = split(category)
     validation = read_shapes(Path("data/shapes") / category).ids_of("val")

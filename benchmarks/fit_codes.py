@@ -20,13 +20,14 @@ import child
 import numpy as np
 
 from cagesdf import inference
-from cagesdf.cli.fitting import MEASURE, settings_of
-from cagesdf.cli.shapes import IMPORT
+from cagesdf.api.sources import IMPORT
+from cagesdf.deformation import Trilinear
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.extraction import extract, field_of
 from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.importing import import_shape
+from cagesdf.inference import MEASURE, usual_settings
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import read_shapes
@@ -47,7 +48,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
     for shape_id in ids:
         sequence = run.sequences[shape_id]
         field = field_of(run.decoder, run.latent(shape_id, 0), sequence.cages[0])
-        truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"])
+        truth = Truth.of(shapes.read(shape_id), sequence, 0, MEASURE["detail"], Trilinear())
         rng = np.random.default_rng(0)
         drawn = truth.drawn(MEASURE["points"], rng)
         surface = Measured(extract(field, RESOLUTION).mesh)
@@ -58,7 +59,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
 def fitted(run: Run, known: inference.Known, source: ShapeSource) -> dict[str, Any]:
     """What `cagesdf fit` reports of one shape, the distance with one code alone, and seconds."""
     start = time.process_time()
-    settings = settings_of()
+    settings = usual_settings()
     rng = np.random.default_rng(0)
     prepared = inference.prepare(run, import_shape(read_shape(source), **IMPORT), settings, rng)
     fit = inference.fit_code(run, known, prepared, settings.inference, 0)

@@ -11,7 +11,9 @@ context    codes that the network has for the second shape's latent in the first
 swap       the whole shape swapped, of which the same parts are measured
 box_warp   the second shape's parts deformed into the cuboids, without a network
 
-and how many parts that were not mixed are the same to the last bit, in codes and surfaces.
+and how many parts that were not mixed are the same to the last bit, in codes and surfaces. With `--picture FILE` draws
+instead of measuring: three shapes of one structure as they are, then with the parts of one label after the other from
+the next shape; a colour says whose style a part has.
 """
 
 import argparse
@@ -21,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import Image
 
 from cagesdf.cuboid import Sequence
 from cagesdf.editing.script import Mix, Swap
@@ -35,11 +38,13 @@ from cagesdf.io.runs import read_run
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.meshes import Mesh
+from cagesdf.rendering import PART_COLOURS, Scene, render_rows, side_by_side
 from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
 
 POINTS, DETAIL = 3000, 0.005  # as the default run's make_trials
+SHOWN = 3  # shapes of the picture
 
 
 def in_context(state: State) -> State:
@@ -104,6 +109,35 @@ class Mixes:
                 assert a.faces.tobytes() == b.faces.tobytes(), part
 
 
+def picture(mixes: Mixes, out: Path, size: int) -> None:
+    """Three shapes, a row each: as they are, then with the next one's parts, label by label."""
+    session = mixes.session
+    opened = {shape_id: session.opened(shape_id) for shape_id in sorted(session.run.sequences)}
+    alike: dict[str, list[str]] = {}
+    for shape_id, state in opened.items():
+        styles = [mixes.recipes[other].style for other in alike.get(state.structure.signature(), [])]
+        if mixes.recipes[shape_id].style not in styles:
+            alike.setdefault(state.structure.signature(), []).append(shape_id)
+    ids = max(alike.values(), key=lambda group: (len(group) >= SHOWN, len(opened[group[0]].cage)))[:SHOWN]
+    live = session.live(128)
+    rows = []
+    for i, shape_id in enumerate(ids):
+        after = (i + 1) % len(ids)
+        labels = opened[shape_id].structure.labels()
+        row = []
+        for label in (None, *sorted(set(labels.values()))):
+            script = () if label is None else (Mix(part=label, style_of=ids[after]),)
+            state = session.edited(opened[shape_id], script).present
+            parts = [(part, mesh) for part, mesh in live.surface(state).parts.items() if len(mesh.faces)]
+            colours = tuple(PART_COLOURS[after if part in state.part_styles else i] for part, _ in parts)
+            row.append(Scene(tuple(mesh for _, mesh in parts), colours))
+        rows.append(row)
+    images, _ = render_rows(rows, size)
+    page = side_by_side([image for row in images for image in row], len(rows[0]))
+    Image.fromarray(page).quantize(128).save(out, optimize=True)
+    print(f"{out}: {', '.join(ids)}; columns: as they are, {', '.join(sorted(set(labels.values())))}")
+
+
 def gain(mesh: Mesh, trial: Trial) -> float:
     """The distance on the detail of changed parts, of which gains are made, in % of the longest side."""
     truth = Truth(trial.truth, trial.cage, DETAIL)
@@ -132,5 +166,10 @@ if __name__ == "__main__":
     parser.add_argument("--category", default="chair")
     parser.add_argument("--mixes", type=int, default=24)
     parser.add_argument("--resolution", type=int, default=64)
+    parser.add_argument("--picture", type=Path)
     arguments = parser.parse_args()
+    if arguments.picture:
+        torch.set_num_threads(1)
+        picture(Mixes(arguments.data, arguments.category, arguments.resolution), arguments.picture, 220)
+        raise SystemExit
     main(arguments.data, arguments.category, arguments.mixes, arguments.resolution)

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from cagesdf.deformation import follow_own_cuboids
+from cagesdf.deformation import Trilinear
 from cagesdf.evaluation.reconstruction import Measured, Truth, score
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.solid import union
+from cagesdf.seeds import draw, item_rng
 from cagesdf.training.precision import processor
-from pipeline import draw, item_rng, load
+from pipeline import load
 from stages import train
 
 CELLS = 128
@@ -55,11 +55,11 @@ def steps_in(seconds: float, arm: str, category: str, folder: Path) -> int:
 def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> dict[str, float]:
     """COLUMNS of one surface."""
     sequence, shape = run.sequences[shape_id], shapes.read(shape_id)
-    rest, cage = sequence.cages[0], sequence.cages[step]
+    cage = sequence.cages[step]
     if run.decoder.trains_on == "part":
-        truth = Truth(union(follow_own_cuboids(shape, rest, cage)), cage, DETAIL)
+        truth = Truth.own(shape, sequence, step, DETAIL, Trilinear())
     else:
-        truth = Truth.of(shape, sequence, step, DETAIL)
+        truth = Truth.of(shape, sequence, step, DETAIL, Trilinear())
     mesh = extract_surface(field_of(run.decoder, run.latent(shape_id, step), cage), CELLS)
     rng = item_rng(0, "parts", shape_id, step)
     return score(Measured(mesh) if len(mesh.faces) else None, truth, truth.drawn(POINTS, rng), rng)

@@ -17,10 +17,11 @@ import torch
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from cagesdf.cli.fitting import imported, settings_of
-from cagesdf.cli.viewing import DEMO
+from cagesdf.api.sources import imported
 from cagesdf.cuboid import Cuboid
+from cagesdf.demo import DEMO
 from cagesdf.editing.parts import part_names
+from cagesdf.inference import usual_settings
 from cagesdf.training.precision import processor
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.scene import handle_place
@@ -74,7 +75,7 @@ def main() -> None:
     parser.add_argument("--label", default="back_surface", help="of the part that is dragged")
     arguments = parser.parse_args()
     torch.set_num_threads(2)
-    run = opened(DEMO / "run", None, None, None, imported, settings_of())
+    run = opened(DEMO / "run", None, None, None, imported, usual_settings())
     shape = arguments.shape or run.first
     state = run.session.opened(shape)
     names = part_names(state.structure)

@@ -23,12 +23,13 @@ from cagesdf.io.sequences import read_sequences
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.seeds import item_rng
 from cagesdf.training.batches import Batch
 from cagesdf.training.gradients import Gradients, slice_threads
 from cagesdf.training.losses import latent_penalty
 from cagesdf.training.points import LoadedPoints
 from cagesdf.training.precision import fitting_precision, processor
-from pipeline import TrainParams, item_rng, load
+from pipeline import TrainParams, load
 
 
 class Plain(nn.Module):

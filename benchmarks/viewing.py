@@ -16,10 +16,11 @@ import numpy as np
 import torch
 from playwright.sync_api import sync_playwright
 
-from cagesdf.cli.fitting import imported, settings_of
-from cagesdf.cli.viewing import DEMO
+from cagesdf.api.sources import imported
 from cagesdf.cuboid import Cage
+from cagesdf.demo import DEMO
 from cagesdf.editing.parts import part_names
+from cagesdf.inference import usual_settings
 from cagesdf.training.precision import processor
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.scene import GIZMO_SIZE
@@ -85,7 +86,7 @@ def main() -> None:
     parser.add_argument("--moves", type=int, default=60)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    run = opened(arguments.run, None, None, None, imported, settings_of())
+    run = opened(arguments.run, None, None, None, imported, usual_settings())
     state = run.session.opened(run.first)
     names = part_names(state.structure)
     with serving(run, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:

@@ -10,11 +10,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, box_volume, signed_volume, weld
+from cagesdf.meshes import Mesh, box_volume, face_components, signed_volume, weld
 from cagesdf.shape import Audit, Shape
 
 POINTS = 512  # in the boxes of a shape's parts, as many in each
@@ -69,7 +67,7 @@ def vote(mesh: Mesh, points: Float[ndarray, "n 3"]) -> Int[ndarray, " n"]:
     A point within an even number of components, as in a cavity, gets 0, and so do all if the
     faces are so large and many that counting would take long.
     """
-    components = _components(mesh)
+    components = face_components(mesh)
     odd = []
     for direction in 2 * _spread(LINES) - 1:
         crossed = _crossings(mesh, points, direction / np.linalg.norm(direction))
@@ -85,13 +83,6 @@ def vote(mesh: Mesh, points: Float[ndarray, "n 3"]) -> Int[ndarray, " n"]:
     within = np.bincount(pair[share >= AGREED] % len(points), minlength=len(points))
     unclear = np.bincount(pair[(share < AGREED) & (share > 1 - AGREED)] % len(points), minlength=len(points))
     return np.where(within % 2 == 1, 1, np.where((within == 0) & (unclear == 0), -1, 0))
-
-
-def _components(mesh: Mesh) -> Int[ndarray, " f"]:
-    """A number for each face, the same for faces that share a vertex, or have neighbours that do."""
-    a, b, c = mesh.faces.T
-    links = coo_array((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), shape=(len(mesh.vertices),) * 2)
-    return connected_components(links, directed=False)[1][a].astype(np.int64)
 
 
 def _crossings(

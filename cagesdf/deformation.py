@@ -1,6 +1,8 @@
 """Deformation sequences: cages interpolated towards a target, and surfaces that follow them (§3.3)."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +14,7 @@ from cagesdf.errors import InputError, ProgramError, ShapeRejected
 from cagesdf.frames import Similarity
 from cagesdf.matching import Match
 from cagesdf.meshes import Mesh
+from cagesdf.resizing import AxisWarp, keeping_warp, vulnerability
 from cagesdf.shape import Shape
 from cagesdf.solid import outer_surface
 from cagesdf.structure.assembly import Assembly
@@ -167,6 +170,110 @@ def solids_in_cuboids(shape: Shape, rest: Cage) -> list[Mesh]:
     """
     solids = [outer_surface(part.mesh) for part in shape.parts]
     return [mesh.with_vertices(rest.to_unit(mesh.vertices, i)) for i, mesh in enumerate(solids)]
+
+
+def keep_details(shape: Shape, rest: Cage, moved: Cage, detail: float = 1.0) -> list[Mesh]:
+    """The parts' meshes, each moved by its own cuboid alone, details as long as at rest; canonical.
+
+    Lengths in `moved` are `detail` times those in `rest` where both mean the same; see `resizing.keeping_warp`.
+    """
+    meshes = []
+    for i, part in enumerate(shape.parts):
+        unit = part.mesh.with_vertices(rest.to_unit(part.mesh.vertices, i))
+        warp = keeping_warp(vulnerability(unit, rest.size[i]), rest.size[i], moved.size[i], detail)
+        meshes.append(unit.with_vertices(moved.from_unit(warp(unit.vertices), i)))
+    return meshes
+
+
+class Transfer(ABC):
+    """How surfaces follow the cages of a sequence."""
+
+    warps: tuple[tuple[AxisWarp, ...], ...]  # by step and part, in unit frames; () if surfaces follow cuboids alone
+
+    @classmethod
+    @abstractmethod
+    def of(cls, shape: Shape, sequence: Sequence, details: Float[ndarray, " s"]) -> "Transfer":
+        """The transfer for a sequence; at step s a detail that keeps its size has `details[s]` times its length."""
+
+    @abstractmethod
+    def parts(self, shape: Shape, sequence: Sequence, step: int) -> list[Mesh]:
+        """The parts of the whole shape at a step, closed; canonical."""
+
+    @abstractmethod
+    def own_parts(self, shape: Shape, sequence: Sequence, step: int) -> list[Mesh]:
+        """The parts at a step where each has followed its own cuboid alone; canonical."""
+
+    @abstractmethod
+    def in_cuboids(self, solids: list[Mesh], step: int) -> list[Mesh]:
+        """The surfaces at a step of parts that are given at rest, all in the unit frames of their cuboids."""
+
+
+@dataclass(frozen=True)
+class Trilinear(Transfer):
+    """The paper's (§3.3): details stretch with their cuboid."""
+
+    warps: tuple[tuple[AxisWarp, ...], ...] = ()
+
+    @classmethod
+    def of(cls, shape: Shape, sequence: Sequence, details: Float[ndarray, " s"]) -> "Trilinear":
+        """The same for all shapes."""
+        return cls()
+
+    def parts(self, shape: Shape, sequence: Sequence, step: int) -> list[Mesh]:
+        """The same as `deform_shape`: vertices follow all cuboids that contain them."""
+        return deform_shape(shape, sequence.cages[0], sequence.cages[step])
+
+    def own_parts(self, shape: Shape, sequence: Sequence, step: int) -> list[Mesh]:
+        """The same as `follow_own_cuboids`."""
+        return follow_own_cuboids(shape, sequence.cages[0], sequence.cages[step])
+
+    def in_cuboids(self, solids: list[Mesh], step: int) -> list[Mesh]:
+        """The same at every step."""
+        return solids
+
+
+@dataclass(frozen=True, eq=False)
+class KeptDetails(Transfer):
+    """Details keep their size, each part by its own cuboid alone; both kinds of truth are the same."""
+
+    warps: tuple[tuple[AxisWarp, ...], ...]
+
+    @classmethod
+    def of(cls, shape: Shape, sequence: Sequence, details: Float[ndarray, " s"]) -> "KeptDetails":
+        """A warp for each step and part."""
+        rest, solids = sequence.cages[0], [part.mesh for part in shape.parts]
+        units = [mesh.with_vertices(rest.to_unit(mesh.vertices, i)) for i, mesh in enumerate(solids)]
+        weights = [vulnerability(unit, size) for unit, size in zip(units, rest.size)]
+        return cls(
+            tuple(
+                tuple(keeping_warp(*lengths, detail) for lengths in zip(weights, rest.size, cage.size))
+                for cage, detail in zip(sequence.cages, details.tolist(), strict=True)
+            )
+        )
+
+    def parts(self, shape: Shape, sequence: Sequence, step: int) -> list[Mesh]:
+        """The parts warped in their cuboids."""
+        return self.own_parts(shape, sequence, step)
+
+    def own_parts(self, shape: Shape, sequence: Sequence, step: int) -> list[Mesh]:
+        """The parts warped in their cuboids."""
+        rest, moved = sequence.cages[0], sequence.cages[step]
+        return [
+            part.mesh.with_vertices(moved.from_unit(warp(rest.to_unit(part.mesh.vertices, i)), i))
+            for i, (part, warp) in enumerate(zip(shape.parts, self.warps[step], strict=True))
+        ]
+
+    def in_cuboids(self, solids: list[Mesh], step: int) -> list[Mesh]:
+        """The solids warped."""
+        return [mesh.with_vertices(warp(mesh.vertices)) for mesh, warp in zip(solids, self.warps[step], strict=True)]
+
+
+def detail_lengths(sequence: Sequence, source: Similarity, target: Similarity) -> Float[ndarray, " s"]:
+    """At each step, the length of a detail that keeps its size in the files' unit, over its length at rest.
+
+    Both shapes were scaled into the unit sphere, each by a factor of its own; a sequence goes from one to the other.
+    """
+    return 1 + sequence.t * (target.scale / source.scale - 1)
 
 
 def share_outside(meshes: list[Mesh], cage: Cage) -> Float[ndarray, " p"]:

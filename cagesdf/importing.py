@@ -1,6 +1,7 @@
 """From a shape as its files give it to closed parts in the canonical frame."""
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,14 @@ from numpy import ndarray
 from cagesdf.audit import audit, flags
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, NotSolidError, ShapeRejected
-from cagesdf.frames import canonical_similarity
-from cagesdf.meshes import Mesh, box_volume, signed_volume
-from cagesdf.shape import Part, RawPart, RawShape, Repair, Shape
-from cagesdf.solid import METHODS, make_solid, union
+from cagesdf.frames import Similarity, canonical_similarity
+from cagesdf.meshes import Mesh, box_volume, join, signed_volume
+from cagesdf.parts.choosing import doubt
+from cagesdf.parts.components import last_method
+from cagesdf.parts.finding import FoundPart, FoundParts, boxes_volume, find_parts, parts_as_written
+from cagesdf.shape import GIVEN, Origin, Part, RawPart, RawShape, Repair, Shape
+from cagesdf.solid import METHODS, Solid, make_solid, union
+from cagesdf.structure.hierarchy import PartHierarchy
 
 STAGE = "import_shapes"
 BATCH = 1_000_000  # points whose distances are asked for together
@@ -21,14 +26,37 @@ LEAST_LOST = 5e-5  # share of a part's surface that `verdict` mentions: what rou
 SHOWN = 20  # shapes to look at, and rejected ones, that the summary lists
 
 
-def import_shape(raw: RawShape, up: str, weld: float, max_faces: int, max_parts: int, min_thickness: float) -> Shape:
+def import_shape(
+    raw: RawShape, up: str, weld: float, max_faces: int, max_parts: int, min_thickness: float, parts: str = "given"
+) -> Shape:
     """The shape in the canonical frame with each part closed; parts are repaired here, at rest, and never again.
 
     `up` is the raw frame's upward axis, "y" or "z"; `weld` and `min_thickness` are canonical
-    lengths, see `solid.make_solid`. Raises ShapeRejected for a shape without parts, with more
-    than `max_parts` parts or `max_faces` faces, or with a part that can't be made solid;
-    InputError if system libraries that a repair needs are missing.
+    lengths, see `solid.make_solid`. `parts` is "given" by the files, "found" in the surface, or "auto": found if the
+    shape came as one file whose groups are no parts. Parts that were written down come before all of them. Raises
+    ShapeRejected for a shape without parts, with more than `max_parts` parts or `max_faces` faces, or with a part that
+    can't be made solid; InputError if system libraries that a repair needs are missing.
     """
+    finds = raw.written is not None or parts == "found" or (parts == "auto" and raw.whole)
+    _check(raw, max_faces, len(raw.parts) if finds else max_parts)
+    try:
+        similarity = canonical_similarity(np.concatenate([part.mesh.vertices for part in raw.parts]), up)
+    except InputError as error:
+        raise ShapeRejected(raw.shape_id, STAGE, str(error)) from error
+    meshes = [part.mesh.with_vertices(similarity.to_canonical(part.mesh.vertices)) for part in raw.parts]
+    if not finds:
+        return _shape(raw, similarity, meshes, _given(raw, meshes, weld, min_thickness), weld)
+    if raw.written is not None or parts == "found":
+        origin, found = _found(raw, meshes, similarity, weld, min_thickness)
+    else:
+        origin, found = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
+    if len(found) > max_parts:
+        reason = f"it has {len(found)} parts, at most {max_parts} wanted; join some of them"
+        raise ShapeRejected(raw.shape_id, STAGE, reason)
+    return _shape(raw, similarity, meshes, found, weld, origin)
+
+
+def _check(raw: RawShape, max_faces: int, max_parts: int) -> None:
     count, faces = len(raw.parts), sum(len(part.mesh.faces) for part in raw.parts)
     if count == 0:
         raise ShapeRejected(raw.shape_id, STAGE, "it has no parts; wanted at least one mesh")
@@ -41,15 +69,85 @@ def import_shape(raw: RawShape, up: str, weld: float, max_faces: int, max_parts:
             raise _rejected(raw, part, "has no faces; remove it, or export it again")
         if not np.isfinite(part.mesh.vertices).all():
             raise _rejected(raw, part, "has vertices that are NaN or infinite; export it again")
-    try:
-        similarity = canonical_similarity(np.concatenate([part.mesh.vertices for part in raw.parts]), up)
-    except InputError as error:
-        raise ShapeRejected(raw.shape_id, STAGE, str(error)) from error
-    meshes = [part.mesh.with_vertices(similarity.to_canonical(part.mesh.vertices)) for part in raw.parts]
-    parts = tuple(_import_part(raw, part, mesh, weld, min_thickness) for part, mesh in zip(raw.parts, meshes))
+
+
+def _shape(
+    raw: RawShape,
+    similarity: Similarity,
+    meshes: list[Mesh],
+    parts: tuple[Part, ...],
+    weld: float,
+    origin: Origin = GIVEN,
+) -> Shape:
+    """The shape of closed parts; `meshes` are those as read, canonical."""
     found = audit(meshes, union([part.mesh for part in parts]), weld)
-    structure = raw.structure.transformed(similarity)
-    return Shape(raw.shape_id, raw.split, parts, structure, similarity, raw.alignment, found)
+    if origin.parts == "given":
+        structure, alignment = raw.structure.transformed(similarity), raw.alignment
+    else:
+        ids, labels = tuple(part.part_id for part in parts), tuple(part.label for part in parts)
+        structure, alignment = PartHierarchy.flat(ids, labels, ""), ()
+    return Shape(raw.shape_id, raw.split, parts, structure, similarity, alignment, found, origin)
+
+
+def _given(raw: RawShape, meshes: list[Mesh], weld: float, min_thickness: float) -> tuple[Part, ...]:
+    """The parts as the files have them."""
+    return tuple(_import_part(raw, part, mesh, weld, min_thickness) for part, mesh in zip(raw.parts, meshes))
+
+
+def _found(
+    raw: RawShape, meshes: list[Mesh], similarity: Similarity, weld: float, min_thickness: float
+) -> tuple[Origin, tuple[Part, ...]]:
+    """Parts that were written down, or else those that are found in the surface."""
+    try:
+        if raw.written is None:
+            found, reason = find_parts(join(meshes), weld, min_thickness), "import_shapes.parts is found"
+        else:
+            found = parts_as_written(join(meshes), raw.written, similarity, weld, min_thickness)
+            reason = "a file beside the mesh has them"
+        kind = "found" if raw.written is None else "written"
+        parts = tuple(_found_part(found, part, weld, min_thickness) for part in found.parts)
+        return Origin(kind, reason, len(found.components), found.boxes), parts
+    except NotSolidError as error:
+        raise ShapeRejected(raw.shape_id, STAGE, f"its surface {error}") from error
+    except InputError as error:
+        if raw.written is None:  # system libraries are missing
+            raise
+        raise ShapeRejected(raw.shape_id, STAGE, str(error)) from error
+
+
+def _chosen(
+    raw: RawShape, meshes: list[Mesh], similarity: Similarity, weld: float, max_parts: int, min_thickness: float
+) -> tuple[Origin, tuple[Part, ...]]:
+    """The groups of a file if they are parts, else those that are found."""
+    origin, found = _found(raw, meshes, similarity, weld, min_thickness)
+    if len(meshes) > max_parts:
+        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), found
+    volume = signed_volume(union([part.mesh for part in found]))
+    if reason := doubt(meshes, boxes_volume(meshes) / volume, origin.boxes, weld):
+        return replace(origin, reason=reason), found
+    try:
+        given = _given(raw, meshes, weld, min_thickness)
+    except ShapeRejected as error:
+        return replace(origin, reason=error.reason), found
+    return Origin("given", f"cuboids bound the {len(given)} groups of its file well"), given
+
+
+def _found_part(found: FoundParts, part: FoundPart, weld: float, min_thickness: float) -> Part:
+    """A found part; its repair is that of the components it is of."""
+    solid = make_solid(part.mesh, weld, min_thickness)
+    owners = [found.components[i] for i in sorted({fragment.component for fragment in part.fragments})]
+    repairs = [*(owner.repair for owner in owners), solid]
+    repair = _repair(
+        replace(
+            solid,
+            method=last_method(repairs),
+            dropped=sum(one.dropped for one in repairs),
+            plates=sum(one.plates for one in repairs),
+            lost=max(one.lost for one in repairs),
+        ),
+        sum(owner.faces for owner in owners),
+    )
+    return Part(part.name, part.label, solid.mesh, repair)
 
 
 def _import_part(raw: RawShape, part: RawPart, mesh: Mesh, weld: float, min_thickness: float) -> Part:
@@ -58,11 +156,14 @@ def _import_part(raw: RawShape, part: RawPart, mesh: Mesh, weld: float, min_thic
         solid = make_solid(mesh, weld, min_thickness)
     except NotSolidError as error:
         raise _rejected(raw, part, str(error)) from error
+    return Part(part.part_id, part.label, solid.mesh, _repair(solid, len(mesh.faces)))
+
+
+def _repair(solid: Solid, faces: int) -> Repair:
+    """The record of a repair; `faces` are those as read."""
     volume = signed_volume(solid.mesh)
     inside = volume / box_volume(solid.mesh)
-    faces = (len(mesh.faces), len(solid.mesh.faces))
-    repair = Repair(solid.method, *faces, volume, inside, solid.dropped, solid.plates, solid.lost)
-    return Part(part.part_id, part.label, solid.mesh, repair)
+    return Repair(solid.method, faces, len(solid.mesh.faces), volume, inside, solid.dropped, solid.plates, solid.lost)
 
 
 def _rejected(raw: RawShape, part: RawPart, reason: str) -> ShapeRejected:
@@ -87,6 +188,7 @@ def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
         f"{len(shapes) + len(rejected)} shapes: {len(shapes) - repaired} passed, {repaired} repaired, "
         f"{len(rejected)} rejected",
         f"{len(methods)} parts, by the last step of the repair they needed: {counts or 'none'}",
+        *_origin_lines(shapes),
         *_alignment_line(shapes),
     ]
     flagged = [f"look at {shape.shape_id}: {'; '.join(flags(shape))}" for shape in shapes if flags(shape)]
@@ -100,9 +202,11 @@ def verdict(shape: Shape) -> str:
     counts = Counter(part.repair.method for part in shape.parts if part.repair.method != "none")
     repairs = [f"{counts[method]} {method}" for method in METHODS if counts[method]]
     told = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
+    origin = shape.origin
+    whose = [] if origin == GIVEN else [f"parts {origin.parts}, {len(shape.parts)}: {origin.reason}"]
     lost = max(part.repair.lost for part in shape.parts)
     loss = [f"at most {lost:.2%} of a part's surface lost"] if lost >= LEAST_LOST else []
-    return "; ".join([f"{shape.status}{told}", *loss, *flags(shape)])
+    return "; ".join([f"{shape.status}{told}", *whose, *loss, *flags(shape)])
 
 
 def repair_report(shape: Shape) -> dict[str, Any]:
@@ -114,6 +218,16 @@ def repair_report(shape: Shape) -> dict[str, Any]:
     ]
     audited = {"clear": shape.audit.clear, "differ": shape.audit.differ, "inside": shape.audit.inside}
     return {"shape": shape.shape_id, "status": shape.status, "flags": flags(shape), "audit": audited, "parts": parts}
+
+
+def _origin_lines(shapes: list[Shape]) -> list[str]:
+    """Whose parts the shapes have; nothing where all have those of their files."""
+    kinds = Counter(shape.origin.parts for shape in shapes)
+    if all(shape.origin == GIVEN for shape in shapes):
+        return []
+    counts = ", ".join(f"{kinds[kind]} {kind}" for kind in ("given", "found", "written") if kinds[kind])
+    lines = [f"parts of {shape.shape_id} {shape.origin.parts}: {shape.origin.reason}" for shape in shapes]
+    return [f"parts: {counts}", *_first(lines, "origins.parquet")]
 
 
 def _first(lines: list[str], table: str) -> list[str]:

@@ -37,6 +37,19 @@ FAR_CODE = 1.75  # times the largest distance of a training code to its nearest 
 FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter than the shortest by as much
 
 
+# Shapes are prepared and surfaces measured as params.yaml does; codes are found as was best on half of the default
+# validation shapes (docs/fit.md).
+CUBOIDS: dict[str, Any] = {"slack": 0.01, "min_size": 0.001, "margin": 1e-6, "points": 10_000}
+SAMPLES: dict[str, Any] = {
+    "near": 4_500, "uniform": 1_500, "per_cuboid": 256, "beta": 60.0, "part_near": 192.0, "part_uniform": 64.0,
+}  # fmt: skip
+MEASURE: dict[str, Any] = {"points": 20_000, "detail": 0.005}
+INFERENCE: dict[str, Any] = {
+    "tried": 32, "starts": 4, "code_steps": 100, "residual_steps": 200, "batch": 16,
+    "code_rate": 0.03, "residual_rate": 0.01, "code_weight": 1e-4, "residual_weight": 1e-4,
+}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class FitSettings:
     """How a shape is prepared, as for training, and how its code is found."""
@@ -138,6 +151,20 @@ class Fit:
     inferred: Inferred
     start: str  # the training shape whose code it was optimised from, or MEAN
     verdict: Verdict
+
+
+def usual_settings() -> FitSettings:
+    """The settings of `cagesdf fit`, of the editor and of the Python API."""
+    return FitSettings(**CUBOIDS, counts=PointCounts(**SAMPLES), inference=InferenceSettings(**INFERENCE))
+
+
+def fit_shape(run: Run, known: Known, shape: Shape, settings: FitSettings, seed: int) -> Fit:
+    """The cuboids and the code of a shape. Raises InputError if it can't be prepared; see `prepare`."""
+    try:
+        prepared = prepare(run, shape, settings, np.random.default_rng(seed))
+    except ShapeRejected as error:
+        raise InputError(f"{shape.shape_id}: rejected: {error.reason}") from error
+    return fit_code(run, known, prepared, settings.inference, seed)
 
 
 def prepare(run: Run, shape: Shape, settings: FitSettings, rng: np.random.Generator) -> Prepared:

@@ -125,6 +125,13 @@ def topology(mesh: Mesh) -> tuple[int, int]:
     return pieces, pieces - characteristic // 2
 
 
+def face_components(mesh: Mesh) -> Int[ndarray, " f"]:
+    """A number for each face, the same for faces that share a vertex, or have neighbours that do."""
+    a, b, c = mesh.faces.T
+    links = coo_array((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), shape=(len(mesh.vertices),) * 2)
+    return connected_components(links, directed=False)[1][a].astype(np.int64)
+
+
 def edge_keys(mesh: Mesh) -> tuple[Int[ndarray, " m"], Int[ndarray, " n"]]:
     """Each directed edge as one number that it shares with its opposite, sorted: those that go up in index, and down.
 

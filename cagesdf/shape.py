@@ -28,6 +28,32 @@ class AlignedPart:
     iou: float  # of leaf and node, as in `alignment.Boxes.iou`; 0 if there is no node
 
 
+@dataclass(frozen=True)
+class WrittenPiece:
+    """A piece of a connected component of a shape: what some half-spaces leave of it around a point."""
+
+    component: int  # the largest is 0
+    planes: tuple[tuple[float, float, float, float], ...]  # unit normal n and offset d: it lies where n·x ≤ d; raw
+    inside: tuple[float, float, float]  # a point of it, raw
+
+
+@dataclass(frozen=True)
+class WrittenPart:
+    """A part as a user keeps it."""
+
+    name: str  # unique in its shape
+    label: str  # semantic name, "" if there is none
+    pieces: tuple[WrittenPiece, ...]  # whose union it is
+
+
+@dataclass(frozen=True)
+class WrittenParts:
+    """What a file beside a shape's mesh says about its parts."""
+
+    components: int  # of the shape, so that a mesh that changed is noticed
+    parts: tuple[WrittenPart, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class RawShape:
     """One object as its files give it."""
@@ -37,6 +63,21 @@ class RawShape:
     parts: tuple[RawPart, ...]  # in the structure's order
     structure: Structure  # cuboids and relations in it, if any, are raw too
     alignment: tuple[AlignedPart, ...] = ()  # of a program's leaves, in the structure's order
+    whole: bool = False  # it came as one file, whose groups or nodes may be anything: parts, materials
+    written: WrittenParts | None = None  # parts that were written down; they come before all others
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Whose parts a shape has."""
+
+    parts: str  # "given" by its files, "found" in its surface, "written" in a file beside it
+    reason: str  # why
+    components: int = 0  # connected solids that they were found in; 0 where they were given
+    boxes: float = 0.0  # volume of their cuboids over the shape's; 0 where they were given
+
+
+GIVEN = Origin("given", "parts as the files have them")
 
 
 @dataclass(frozen=True)
@@ -87,6 +128,7 @@ class Shape:
     similarity: Similarity  # raw → canonical
     alignment: tuple[AlignedPart, ...] = ()  # of a program's leaves, in the structure's order
     audit: Audit = NOT_AUDITED  # of its sign
+    origin: Origin = GIVEN  # of its parts
 
     @property
     def status(self) -> str:

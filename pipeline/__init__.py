@@ -1,7 +1,7 @@
 """The machinery of stages; knows nothing about shapes."""
 
 from pipeline import artefact
-from pipeline.executor import counter, device, draw, item_rng, parallel_groups, parallel_map, progress
+from pipeline.executor import counter, device, parallel_groups, parallel_map, progress
 from pipeline.params import (
     CloudsParams,
     DeformParams,
@@ -51,8 +51,6 @@ __all__ = [
     "artefact",
     "counter",
     "device",
-    "draw",
-    "item_rng",
     "load",
     "parallel_groups",
     "parallel_map",

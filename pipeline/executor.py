@@ -2,12 +2,10 @@
 
 import os
 import sys
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-import numpy as np
 from tqdm import tqdm
 
 from pipeline.errors import SettingError, WorkerError
@@ -34,16 +32,6 @@ def item_seconds() -> float:
     if not value.isdigit() or int(value) < 1:
         raise SettingError(f"CAGESDF_ITEM_SECONDS: wanted a positive number, got {value!r}")
     return float(value)
-
-
-def item_rng(seed: int, *ids: str | int) -> np.random.Generator:
-    """A generator for one item, the same whatever the order and the number of workers."""
-    return np.random.default_rng([seed, *(zlib.crc32(str(part).encode()) for part in ids)])
-
-
-def draw(seed: int, ids: Iterable[str], count: int) -> list[str]:
-    """At most `count` of `ids`, sorted: the same ones even where some of the others are missing."""
-    return sorted(sorted(ids, key=lambda name: (item_rng(seed, "draw", name).random(), name))[:count])
 
 
 def progress(items: Iterable[Item], total: int, label: str) -> "tqdm[Item]":

@@ -52,6 +52,7 @@ class ImportParams(Params):
 
     include: str  # glob over shape names; "*" takes all
     up: Literal["y", "z"]  # up axis of the files
+    parts: Literal["given", "found", "auto"]  # by files, in the surface, or there where a file's groups are no parts
     weld: Positive  # vertices nearer than this are one, canonical units
     max_faces: Count  # a shape
     max_parts: Count  # a shape
@@ -85,6 +86,7 @@ class DeformParams(Params):
     steps: Count  # of a sequence, the rest shape among them
     held_out: tuple[Natural, ...]  # steps kept from training
     interpolation: Literal["cuboids", "program"]  # of what, where a shape has a program
+    transfer: Literal["trilinear", "keep_details"]  # of surfaces: details stretch with their cuboid, or keep their size
     max_rejected: Share
 
 
@@ -122,7 +124,12 @@ class TrainParams(Params):
     """One arm: network, data and schedule."""
 
     decoder: Literal[
-        "TriplaneDecoder", "PlainTriplaneDecoder", "RelationTriplaneDecoder", "CageDecoder", "DeepSdfDecoder"
+        "TriplaneDecoder",
+        "PlainTriplaneDecoder",
+        "RelationTriplaneDecoder",
+        "OccupancyDecoder",
+        "CageDecoder",
+        "DeepSdfDecoder",
     ]
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
@@ -138,7 +145,7 @@ class TrainParams(Params):
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count
-    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none
+    clamp: NonNegative  # of distances in the loss, in the decoder's unit; 0: none, as OccupancyDecoder must have it
     latent_weight: NonNegative  # λ
     latent_std: Positive  # of the initial codes' norm
     steps: Count  # optimiser steps

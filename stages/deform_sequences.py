@@ -10,16 +10,27 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import ProgramPath, cuboid_path, deform_shape, make_sequence, share_outside
+from cagesdf.deformation import (
+    KeptDetails,
+    ProgramPath,
+    Transfer,
+    Trilinear,
+    cuboid_path,
+    detail_lengths,
+    make_sequence,
+    share_outside,
+)
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.io.cuboids import read_assemblies, read_cages
 from cagesdf.io.matches import read_matches
 from cagesdf.io.rejected import write_rejected
-from cagesdf.io.sequences import write_sequences
+from cagesdf.io.sequences import write_sequences, write_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.matching import Match
 from cagesdf.structure.assembly import Assembly
 from pipeline import DeformParams, artefact, parallel_map, run_stage
+
+TRANSFERS: Mapping[str, type[Transfer]] = {"trilinear": Trilinear, "keep_details": KeptDetails}
 
 
 def main(shapes: Path, cuboids: Path, matches: Path, out: Path, params: DeformParams) -> None:
@@ -30,9 +41,11 @@ def main(shapes: Path, cuboids: Path, matches: Path, out: Path, params: DeformPa
         assemblies = read_assemblies(cuboids) if params.interpolation == "program" else {}
         deform = partial(deform_one, read_shapes(shapes), read_cages(cuboids), assemblies, params)
         done, rejected = parallel_map(deform, todo, rejects=ShapeRejected, label="deform_sequences", lost=lost)
-        write_sequences(folder, [sequence for sequence, _ in done], {s.shape_id: share for s, share in done})
+        sequences = [sequence for sequence, _, _ in done]
+        write_sequences(folder, sequences, {sequence.shape_id: share for sequence, _, share in done})
+        write_transfers(folder, sequences, {sequence.shape_id: transfer for sequence, transfer, _ in done})
         write_rejected(folder, rejected, len(todo), params.max_rejected)
-        mean = np.mean([share[1:].mean() for _, share in done])
+        mean = np.mean([share[1:].mean() for _, _, share in done])
         print(f"{len(done)} sequences; averaging puts {mean:.1%} of a part's vertices outside their own cuboid")
 
 
@@ -42,14 +55,17 @@ def deform_one(
     assemblies: Mapping[str, Assembly],
     params: DeformParams,
     match: Match,
-) -> tuple[Sequence, np.ndarray]:
-    """A sequence, and for each step and part the share of the part's vertices outside their own cuboid."""
+) -> tuple[Sequence, Transfer, np.ndarray]:
+    """A sequence, how surfaces follow it, and by step and part the share of vertices outside their own cuboid."""
     path: Callable[[float], Cage] = cuboid_path(match, cages)
     if match.shape_id in assemblies and match.target_id is not None:
         path = ProgramPath(assemblies[match.shape_id], assemblies[match.target_id], match.pairs)
     sequence = make_sequence(match, cages, path, params.steps, params.held_out)
-    shape, rest = source.read(sequence.shape_id), sequence.cages[0]
-    return sequence, np.array([share_outside(deform_shape(shape, rest, cage), cage) for cage in sequence.cages])
+    shape, target_id = source.read(sequence.shape_id), sequence.target_id or sequence.shape_id
+    details = detail_lengths(sequence, shape.similarity, source.similarity(target_id))
+    transfer = TRANSFERS[params.transfer].of(shape, sequence, details)
+    moved = [transfer.parts(shape, sequence, step) for step in range(len(sequence.cages))]
+    return sequence, transfer, np.array([share_outside(*step) for step in zip(moved, sequence.cages)])
 
 
 def lost(match: Match, reason: str) -> ShapeRejected:

@@ -10,14 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from cagesdf.cuboid import Sequence
+from cagesdf.deformation import Transfer
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, as_own, definitions, own_figures, score
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
-from cagesdf.io.sequences import read_sequences
+from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.seeds import item_rng
 from cagesdf.solid import cage_surface
-from pipeline import EvaluateParams, artefact, item_rng, parallel_map, run_stage
+from pipeline import EvaluateParams, artefact, parallel_map, run_stage
 
 
 def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: EvaluateParams) -> None:
@@ -28,28 +30,29 @@ def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: Evaluat
     with artefact.write("scores", out, inputs=inputs, params=params, foreign=manifests) as folder:
         surfaces = {name: read_surfaces(path) for name, path in arms.items()}
         cages = read_sequences(sequences)
+        transfers = read_transfers(sequences, cages)
         keys = sorted({key for of_arm in surfaces.values() for key in of_arm.rows})
         measure = partial(score_surfaces, surfaces, read_shapes(shapes), params)
-        todo = [(cages[shape_id], step) for shape_id, step in keys]
+        todo = [(cages[shape_id], transfers[shape_id], step) for shape_id, step in keys]
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate")
         about = definitions(params.points, params.detail, params.seeds)
         write_scores(folder, (row for some in rows for row in some), about)
 
 
 def score_surfaces(
-    arms: dict[str, SurfaceFolder], shapes: ShapeFolder, params: EvaluateParams, item: tuple[Sequence, int]
+    arms: dict[str, SurfaceFolder], shapes: ShapeFolder, params: EvaluateParams, item: tuple[Sequence, Transfer, int]
 ) -> list[dict[str, Any]]:
     """One row an arm or reference and seed for one step of one shape."""
-    sequence, step = item
+    sequence, transfer, step = item
     shape_id = sequence.shape_id
     key = {"shape_id": shape_id, "step": step, "held_out": sequence.held_out[step]}
-    truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail)
+    truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail, transfer)
     surfaces: dict[str, Measured | None] = {"cage": Measured(cage_surface(sequence.cages[step])), "ground_truth": truth}
     for arm, folder in arms.items():
         if (shape_id, step) in folder.rows:
             mesh = folder.read(shape_id, step).mesh
             surfaces[arm] = Measured(mesh) if len(mesh.faces) else None
-    own = Truth.own(shapes.read(shape_id), sequence, step, params.detail) if step else None
+    own = Truth.own(shapes.read(shape_id), sequence, step, params.detail, transfer) if step else None
     rows = []
     for seed in params.seeds:
         drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))

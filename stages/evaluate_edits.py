@@ -18,7 +18,8 @@ from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import Mesh
-from pipeline import EditsParams, artefact, item_rng, parallel_map, run_stage
+from cagesdf.seeds import item_rng
+from pipeline import EditsParams, artefact, parallel_map, run_stage
 
 Surfaces = dict[tuple[str, str], Mesh]  # by arm and trial
 

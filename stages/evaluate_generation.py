@@ -31,8 +31,9 @@ from cagesdf.io.clouds import read_clouds
 from cagesdf.io.features import FILE, Features, read_accuracy, read_features
 from cagesdf.io.generated import read_generated
 from cagesdf.io.generation import write_generation
+from cagesdf.seeds import item_rng
 from cagesdf.training.features import classify
-from pipeline import GenerationParams, artefact, item_rng, parallel_map, run_stage
+from pipeline import GenerationParams, artefact, parallel_map, run_stage
 
 Key = tuple[str, str, int]  # arm, method, draw
 

@@ -1,6 +1,6 @@
 """Measure the surfaces that arms would have given while they trained: how long training must be.
 
-python -m stages.evaluate_progress data/runs/chair data/shapes/chair data/progress/chair
+python -m stages.evaluate_progress data/runs/chair data/shapes/chair data/sequences/chair data/progress/chair
 """
 
 from functools import partial
@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from cagesdf.deformation import Transfer
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
 from cagesdf.evaluation.tables import PROGRESS
@@ -16,37 +17,38 @@ from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.points import CHUNK
 from cagesdf.io.progress import write_progress
 from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of
+from cagesdf.io.sequences import read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from pipeline import ProgressParams, artefact, draw, item_rng, parallel_map, run_stage
+from cagesdf.seeds import draw, item_rng
+from pipeline import ProgressParams, artefact, parallel_map, run_stage
 
 
-def main(runs: Path, shapes: Path, out: Path, params: ProgressParams) -> None:
-    """Read the runs of all arms with their snapshots and `shapes/`, write `progress/`."""
+def main(runs: Path, shapes: Path, sequences: Path, out: Path, params: ProgressParams) -> None:
+    """Read the runs of all arms with their snapshots, `shapes/` and `sequences/`, write `progress/`."""
     arms = artefact.inside(runs, params.arms, "run", params.format)
     manifests = {arm: folder / artefact.MANIFEST for arm, folder in arms.items()}
-    with artefact.write("progress", out, inputs={"shapes": shapes}, foreign=manifests, params=params) as folder:
-        todo = [
-            (run, shape_id)
-            for run in arms.values()
-            for shape_id in draw(params.seed, read_run(run).sequences, params.shapes)
-        ]
+    inputs = {"shapes": shapes, "sequences": sequences}
+    with artefact.write("progress", out, inputs=inputs, foreign=manifests, params=params) as folder:
+        drawn = {run: draw(params.seed, read_run(run).sequences, params.shapes) for run in arms.values()}
+        transfers = read_transfers(sequences, {shape_id for ids in drawn.values() for shape_id in ids})
+        todo = [(run, shape_id, transfers[shape_id]) for run, ids in drawn.items() for shape_id in ids]
         measure = partial(progress_of, read_shapes(shapes), params)
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate_progress")
         about = definitions(params.points, params.detail, (params.seed,)) | {"resolution": params.resolution}
         write_progress(folder, (row for some in rows for row in some), about)
 
 
-def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, str]) -> list[dict[str, Any]]:
+def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, str, Transfer]) -> list[dict[str, Any]]:
     """One row a snapshot of a run, the last of all its training, for one shape.
 
     Measured is its first held-out step, or its rest shape where that alone has a latent.
     """
-    folder, shape_id = item
+    folder, shape_id, transfer = item
     torch.set_num_threads(1)
     trained = read_run(folder)
     sequence = trained.sequences[shape_id]
     step = next((step for step in trained.steps(shape_id) if sequence.held_out[step]), 0)
-    truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail)
+    truth = Truth.of(shapes.read(shape_id), sequence, step, params.detail, transfer)
     snapshots = {steps: read_snapshot(folder, steps) for steps in snapshots_of(folder)}
     drawn = truth.drawn(params.points, item_rng(params.seed, "truth", shape_id))
     rows = []

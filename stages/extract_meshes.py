@@ -13,7 +13,8 @@ from cagesdf.errors import InputError
 from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.runs import Run, read_run
-from pipeline import ExtractParams, artefact, draw, progress, run_stage
+from cagesdf.seeds import draw
+from pipeline import ExtractParams, artefact, progress, run_stage
 from pipeline.executor import workers
 
 

@@ -15,7 +15,8 @@ from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from pipeline import FitParams, artefact, item_rng, parallel_map, run_stage
+from cagesdf.seeds import item_rng
+from pipeline import FitParams, artefact, parallel_map, run_stage
 
 
 def main(shapes: Path, out: Path, params: FitParams) -> None:

@@ -30,7 +30,8 @@ from cagesdf.generation.generator import Generated, Samples
 from cagesdf.io.generated import KIND, GeneratedShape, write_generated
 from cagesdf.io.generators import read_generator
 from cagesdf.io.runs import Run, read_run
-from pipeline import GenerateParams, artefact, item_rng, progress, run_stage
+from cagesdf.seeds import item_rng
+from pipeline import GenerateParams, artefact, progress, run_stage
 from pipeline.executor import workers
 
 

@@ -12,6 +12,7 @@ from cagesdf.formats.listing import ShapeSource, list_shapes, read_shape
 from cagesdf.importing import import_shape, summary
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import write_shapes
+from cagesdf.parts.slots import with_slots
 from cagesdf.shape import Shape
 from pipeline import ImportParams, artefact, parallel_map, run_stage
 
@@ -34,7 +35,7 @@ def main(raw: Path, out: Path, params: ImportParams) -> None:
         shapes, rejected = parallel_map(
             partial(import_one, params), sources, rejects=ShapeRejected, label="import_shapes", lost=lost
         )
-        shapes = with_outliers(shapes)
+        shapes = with_slots(with_outliers(shapes))
         print(summary(shapes, rejected))
         write_rejected(folder, rejected, len(sources), params.max_rejected)
         write_shapes(folder, shapes)
@@ -43,7 +44,13 @@ def main(raw: Path, out: Path, params: ImportParams) -> None:
 def import_one(params: ImportParams, source: ShapeSource) -> Shape:
     """One shape. Raises ShapeRejected if it can't be read or made solid."""
     return import_shape(
-        read_shape(source), params.up, params.weld, params.max_faces, params.max_parts, params.min_thickness
+        read_shape(source),
+        params.up,
+        params.weld,
+        params.max_faces,
+        params.max_parts,
+        params.min_thickness,
+        params.parts,
     )
 
 

@@ -18,10 +18,11 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.io.clouds import SETS, write_clouds
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.seeds import item_rng
 from cagesdf.synthesis.dataset import draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
-from pipeline import CloudsParams, artefact, item_rng, parallel_map, run_stage
+from pipeline import CloudsParams, artefact, parallel_map, run_stage
 
 
 @dataclass(frozen=True)

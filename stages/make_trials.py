@@ -12,17 +12,18 @@ from cagesdf.deformation import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
 from cagesdf.evaluation.reconstruction import Truth
-from cagesdf.evaluation.swaps import swap_trials, swaps_of
+from cagesdf.evaluation.swaps import keep_warp, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
 from cagesdf.io.edits import write_edits
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.io.trials import write_trials
 from cagesdf.meshes import Mesh
+from cagesdf.seeds import draw, item_rng
 from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
-from pipeline import TrialsParams, artefact, draw, item_rng, parallel_map, run_stage
+from pipeline import TrialsParams, artefact, parallel_map, run_stage
 
 
 def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsParams) -> None:
@@ -60,8 +61,9 @@ def swap_one(
     cage, styled_cage = (cages[shape_id].cages[0] for shape_id in pair)
     swap, warp = swap_trials(shape, cage, styled, styled_cage, recipes)
     unchanged = union([part.mesh for part in shape.parts])
+    kept = union(keep_warp(styled, styled_cage, shape, cage)[0])
     return [
-        (swap, measured(swap, {"unchanged": unchanged, "box_warp": warp.truth}, params)),
+        (swap, measured(swap, {"unchanged": unchanged, "box_warp": warp.truth, "keep_warp": kept}, params)),
         (warp, measured(warp, {"unchanged": unchanged}, params)),
     ]
 

@@ -11,7 +11,8 @@ from cagesdf.io.matches import write_matches
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import read_shapes
 from cagesdf.matching import group_by_structure, match_to_one_of, match_to_scaled
-from pipeline import MatchParams, artefact, item_rng, progress, run_stage
+from cagesdf.seeds import item_rng
+from pipeline import MatchParams, artefact, progress, run_stage
 
 
 def main(shapes: Path, cuboids: Path, out: Path, params: MatchParams) -> None:

@@ -17,6 +17,7 @@ from cagesdf.io.scores import read_scores
 from cagesdf.io.trials import read_trials
 from cagesdf.report.gather import read_category
 from cagesdf.report.page import write_page
+from cagesdf.report.summary import progress_rows, summary
 from pipeline import ReportParams, artefact, run_stage
 from pipeline.executor import workers
 
@@ -37,9 +38,10 @@ def main(
     out: Path,
     params: ReportParams,
 ) -> None:
-    """Read the folders of the categories and arms that are run, write `metrics/tables.json` and `report/index.html`.
+    """Read the folders of the categories and arms that are run, write `metrics/` and `report/index.html`.
 
-    Both are published at the end, so that a failure leaves those of the last run.
+    `metrics/` has all tables, and the few figures and curves that DVC shows. Both are published at the end, so that a
+    failure leaves those of the last run.
     """
     names = sorted(params.categories)
     kinds = {
@@ -90,8 +92,11 @@ def main(
         artefact.write("metrics", metrics, inputs={}, foreign=inputs, params=params) as figures,
         artefact.write("report", out, inputs={}, foreign=inputs, params=params) as page,
     ):
-        text = json.dumps(tables, indent=1, sort_keys=True)
-        (figures / "tables.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+        for name, content in (
+            ("tables", tables), ("summary", summary(tables)), ("progress", progress_rows(tables))
+        ):  # fmt: skip
+            text = json.dumps(content, indent=1, sort_keys=True)
+            (figures / f"{name}.json").write_text(text + "\n", encoding="utf-8", newline="\n")
         write_page(page / "index.html", tables, categories, params.image_size, workers())
 
 

@@ -10,17 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.cuboid import Sequence
-from cagesdf.deformation import deform_shape, solids_in_cuboids
+from cagesdf.deformation import Transfer, solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.io.points import PointChunks, PointsOf, join_chunks, shard_path, write_shard
 from cagesdf.io.rejected import write_rejected
-from cagesdf.io.sequences import read_sequences
+from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
+from cagesdf.seeds import item_rng
 from cagesdf.solid import union
-from pipeline import SampleParams, artefact, item_rng, parallel_groups, run_stage
+from pipeline import SampleParams, artefact, parallel_groups, run_stage
 
 KINDS: tuple[PointsOf, ...] = ("shape", "part")
 
@@ -28,7 +29,9 @@ KINDS: tuple[PointsOf, ...] = ("shape", "part")
 def main(shapes: Path, sequences: Path, out: Path, params: SampleParams) -> None:
     """Read `shapes/` and `sequences/`, write `points/`, a shard at a time."""
     with artefact.write("points", out, inputs={"shapes": shapes, "sequences": sequences}, params=params) as folder:
-        todo = [sequence for _, sequence in sorted(read_sequences(sequences).items())]
+        of_shape = read_sequences(sequences)
+        transfers = read_transfers(sequences, of_shape)
+        todo = [(sequence, transfers[shape_id]) for shape_id, sequence in sorted(of_shape.items())]
         # Mixed, so that families that take turns in the data set don't get shards of their own.
         mixed = [todo[i] for i in item_rng(params.seed, "sample_points").permutation(len(todo))]
         shards = [mixed[shard :: params.shards] for shard in range(min(params.shards, len(todo)))]
@@ -43,11 +46,14 @@ def main(shapes: Path, sequences: Path, out: Path, params: SampleParams) -> None
         write_rejected(folder, unusable, len(todo), params.max_rejected)
 
 
-def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequence) -> tuple[PointChunks, PointChunks]:
+def sample_sequence(
+    source: ShapeFolder, params: SampleParams, item: tuple[Sequence, Transfer]
+) -> tuple[PointChunks, PointChunks]:
     """Chunks of all training steps of one shape, and of its parts.
 
     Raises ShapeRejected if a step, or a part, has no closed surface.
     """
+    sequence, transfer = item
     shape, rest = source.read(sequence.shape_id), sequence.cages[0]
     counts = PointCounts(**params.model_dump(include={field.name for field in fields(PointCounts)}))
     try:
@@ -59,17 +65,17 @@ def sample_sequence(source: ShapeFolder, params: SampleParams, sequence: Sequenc
         cage = sequence.cages[step]
         rng = item_rng(params.seed, "sample_points", shape.shape_id, step)
         try:
-            surface = SurfaceDistance(union(deform_shape(shape, rest, cage)))
+            surface = SurfaceDistance(union(transfer.parts(shape, sequence, step)))
         except ValueError as error:
             raise ShapeRejected(shape.shape_id, "sample_points", f"step {step}: {error}") from error
         of_shape.append(shape_chunks(shape.shape_id, step, surface, cage, counts, rng))
-        of_parts.append(part_chunks(shape.shape_id, step, solids, cage, counts, rng))
+        of_parts.append(part_chunks(shape.shape_id, step, transfer.in_cuboids(solids, step), cage, counts, rng))
     return join_chunks(of_shape), join_chunks(of_parts)
 
 
-def lost(sequence: Sequence, reason: str) -> ShapeRejected:
+def lost(item: tuple[Sequence, Transfer], reason: str) -> ShapeRejected:
     """What becomes of a shape that kills its worker."""
-    return ShapeRejected(sequence.shape_id, "sample_points", reason)
+    return ShapeRejected(item[0].shape_id, "sample_points", reason)
 
 
 def facts(of: PointsOf, params: SampleParams) -> dict[str, object]:

@@ -7,10 +7,11 @@ from functools import partial
 from pathlib import Path
 
 from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.seeds import item_rng
 from cagesdf.synthesis.dataset import draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import write_shape, write_splits
-from pipeline import SynthesizeParams, artefact, item_rng, parallel_map, run_stage
+from pipeline import SynthesizeParams, artefact, parallel_map, run_stage
 
 
 def main(category: str, out: Path, params: SynthesizeParams) -> None:

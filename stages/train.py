@@ -24,6 +24,7 @@ from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import LatentTable
+from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import Ranks, joined_ranks
@@ -32,7 +33,7 @@ from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
 from cagesdf.training.precision import fitting_precision, processor
 from cagesdf.training.residuals import rest_residuals
-from pipeline import TrainParams, artefact, counter, device, item_rng, run_stage
+from pipeline import TrainParams, artefact, counter, device, run_stage
 from pipeline.memory import memory
 
 

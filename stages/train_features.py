@@ -19,10 +19,11 @@ from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import Clouds, cloud_of, label_of, recipe_parts
 from cagesdf.io.features import Features, read_features, write_features
 from cagesdf.models.pointnet import make_classifier
+from cagesdf.seeds import item_rng
 from cagesdf.synthesis.dataset import CATEGORIES, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.training.features import ClassifierSettings, classify, train_classifier
-from pipeline import FeaturesParams, artefact, counter, item_rng, parallel_map, run_stage
+from pipeline import FeaturesParams, artefact, counter, parallel_map, run_stage
 
 
 def main(out: Path, params: FeaturesParams) -> None:

@@ -20,9 +20,10 @@ from cagesdf.io.cuboids import read_assemblies, read_cages
 from cagesdf.io.generators import KIND, TrainedGenerator, write_generator
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import read_shapes
+from cagesdf.seeds import item_rng
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.base import Structure
-from pipeline import TrainProgramsParams, artefact, counter, item_rng, run_stage
+from pipeline import TrainProgramsParams, artefact, counter, run_stage
 
 SETTINGS = {"width", "code", "steps", "batch", "learning_rate", "divergence", "hidden", "seed"}
 Log = list[dict[str, int | float]]

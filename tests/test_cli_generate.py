@@ -128,8 +128,8 @@ def test_an_arm_without_cuboids_makes_whole_shapes_and_takes_no_options_about_th
 def test_nothing_is_written_where_something_is_wrong(command: Command, run: Path, tmp_path: Path) -> None:
     out = tmp_path / "new"
     assert "wanted 1 to" in command.complaint("generate", run, "--out", out, "--count", 0)
-    assert "--seed -1" in command.complaint("generate", run, "--out", out, "--seed", -1)
-    assert "--temperature" in command.complaint("generate", run, "--out", out, "--temperature", -1)
+    assert "seed -1" in command.complaint("generate", run, "--out", out, "--seed", -1)
+    assert "temperature -1" in command.complaint("generate", run, "--out", out, "--temperature", -1)
     assert "at least 8 cells" in command.complaint("generate", run, "--out", out, "--resolution", 4)
     assert "is there already" in command.complaint("generate", run, "--out", tmp_path)
     assert "make it first" in command.complaint("generate", run, "--out", tmp_path / "no" / "new")

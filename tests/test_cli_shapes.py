@@ -1,4 +1,4 @@
-"""`cagesdf check` and `cagesdf sdf` as a user meets them."""
+"""`cagesdf check`, `cagesdf parts` and `cagesdf sdf` as a user meets them."""
 
 import io
 import json
@@ -11,10 +11,11 @@ import toy
 import yaml
 from test_cli import Command
 
+from cagesdf.api import sources
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
 from cagesdf.formats.listing import find_shape
-from cagesdf.meshes import Mesh
+from cagesdf.meshes import Mesh, join
 
 command = test_cli.command  # the fixture
 SHARED = Path(__file__).parent.parent.parent / "shared/data"
@@ -36,9 +37,13 @@ def write_shapes(folder: Path) -> None:
     (folder / "bad" / "seat.obj").write_text("v 0 0 0\nf 1 2 3\n")
 
 
-def test_they_import_as_the_pipeline_does() -> None:
-    params = yaml.safe_load((Path(__file__).parent.parent / "params.yaml").read_text(encoding="utf-8"))
-    assert {name: params["import_shapes"][name] for name in shapes.IMPORT} == shapes.IMPORT
+def test_they_import_as_the_pipeline_does_with_own_data() -> None:
+    root = Path(__file__).parent.parent
+    base, own = (
+        yaml.safe_load((root / name).read_text(encoding="utf-8")) for name in ("params.yaml", "profiles/own.yaml")
+    )
+    params = base["import_shapes"] | own["import_shapes"]
+    assert {name: params[name] for name in sources.IMPORT} == sources.IMPORT
 
 
 def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command: Command, tmp_path: Path) -> None:
@@ -54,7 +59,8 @@ def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command,
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
     out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
-    assert out.splitlines() == ["one: passed", "seat: passed"]
+    told = "parts found, 1: the file has a single group"
+    assert out.splitlines() == [f"one: passed; {told}", f"seat: passed; {told}"]
     assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
         "holed: repaired 1 capped of 2 parts",
         "sound: passed",
@@ -67,7 +73,19 @@ def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: C
     lines = command("check", tmp_path).splitlines()
     assert lines[0].startswith("not read: c.off; ")
     assert lines[1].startswith("each mesh file is a shape; ")
-    assert lines[2:] == ["a: passed", "b: repaired 1 merged of 1 parts"]
+    told = "parts found, 1: the file has a single group"
+    assert lines[2:] == [f"a: passed; {told}", f"b: repaired 1 merged of 1 parts; {told}"]
+
+
+def test_parts_writes_a_file_that_an_import_prefers_and_a_picture(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    write_ply(tmp_path / "in" / "chair.ply", join([BOX, toy.rod([0, -2, 0], [0, 0, 0], 0.3, 1.0)]))
+    told = json.loads(command("parts", tmp_path / "in" / "chair.ply", tmp_path / "out"))
+    assert (told["components"], told["parts"]) == (2, 2)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["chair.glb", "chair.parts.json"]
+    (tmp_path / "out" / "chair.parts.json").rename(tmp_path / "in" / "chair.parts.json")
+    assert command("check", tmp_path / "in") == "chair: passed; parts written, 2: a file beside the mesh has them\n"
+    assert "is there already" in command.complaint("parts", tmp_path / "in" / "chair.ply", tmp_path / "out")
 
 
 def test_check_says_each_shape_as_it_is_done(
@@ -79,10 +97,8 @@ def test_check_says_each_shape_as_it_is_done(
     said: list[str] = []
     seen: list[int] = []
     monkeypatch.setattr("builtins.print", lambda text, flush: said.append(text))
-    from cagesdf.formats import listing
-
-    read = listing.read_shape
-    monkeypatch.setattr(listing, "read_shape", lambda source: (seen.append(len(said)), read(source))[1])
+    read = sources.read_shape
+    monkeypatch.setattr(sources, "read_shape", lambda source: (seen.append(len(said)), read(source))[1])
     command.complaint("check", tmp_path)
     assert seen == [0, 1, 2]
 
@@ -113,7 +129,7 @@ def test_points_that_are_too_coarse_for_their_place_are_refused(command: Command
     command(*words)
     np.testing.assert_allclose(np.load(tmp_path / "out.npy"), [-1, 0.5], atol=1e-6)
     np.save(tmp_path / "points.npy", (np.zeros((1, 3)) + place).astype(np.float32))
-    assert "holds float32, which is 0.5 apart where the shape is" in command.complaint(*words)
+    assert "got float32, which is 0.5 apart where the shape is" in command.complaint(*words)
 
 
 @pytest.mark.parametrize(("unit", "kind"), [(1.0, "<f8"), (1e-3, "<f4"), (1e4, ">f8"), (1.0, "<f2")])
@@ -193,7 +209,8 @@ def test_anything_but_points_is_refused_and_nothing_written(
     toy.write_obj(tmp_path / "seat.obj", BOX)
     (tmp_path / "points.npy").write_bytes(content)
     text = command.complaint("sdf", tmp_path / "seat.obj", tmp_path / "points.npy", tmp_path / "out.npy")
-    assert "wanted a .npy file" in text
+    assert "points.npy: " in text
+    assert "wanted" in text
     with pytest.raises(InputError, match=reason):
         shapes._read_points(tmp_path / "points.npy")
     assert {path.name for path in tmp_path.iterdir()} == {"seat.obj", "points.npy"}

@@ -179,8 +179,8 @@ def test_what_is_wrong_with_a_mix_is_said_and_nothing_is_written(
         (["leg_1"], "'leg_1': wanted PART=SHAPE, such as 'leg_*=chair_0007'"),
         (["=b"], "'=b': wanted PART=SHAPE"),
         (["leg_1="], "'leg_1=': wanted PART=SHAPE"),
-        (["wing=b"], "operation 0: mix: part 'wing': no part is called so; wanted one of seat"),
-        (["seat=b", "leg_1=c"], "operation 1: mix: style_of 'c': none of the 2 styles; did you mean a, b?"),
+        (["wing=b"], "part 'wing': no part is called so; wanted one of seat"),
+        (["seat=b", "leg_1=c"], "style_of 'c': none of the 2 styles; did you mean a, b?"),
         ([], "PARTS"),
     ):
         assert said in command.complaint("mix", run, "a", *words, out)

@@ -14,11 +14,12 @@ from cagesdf.evaluation.clouds import FRESH, Clouds, cloud_of, label_of, recipe_
 from cagesdf.importing import import_shape
 from cagesdf.io.clouds import CLOUDS, read_clouds, write_clouds
 from cagesdf.io.shapes import ShapeFolder, write_shapes
+from cagesdf.seeds import item_rng
 from cagesdf.shape import RawShape
 from cagesdf.solid import union
 from cagesdf.synthesis.dataset import CATEGORIES, build, draw, draw_recipes
 from cagesdf.synthesis.writing import OBJ_DIGITS
-from pipeline import CloudsParams, Params, artefact, item_rng
+from pipeline import CloudsParams, Params, artefact
 from stages import make_clouds
 
 PARAMS = CloudsParams(format=1, drawn=9, points=64, seed=9)

@@ -7,23 +7,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cagesdf.cuboid import CORNER_ORDER, Cage
+from cagesdf.cuboid import CORNER_ORDER, Cage, Sequence
 from cagesdf.deformation import (
+    KeptDetails,
     ProgramPath,
+    Trilinear,
     aligned_cage,
     cuboid_path,
     deform_shape,
     deform_vertices,
+    detail_lengths,
+    follow_own_cuboids,
     interpolated_cage,
+    keep_details,
     make_sequence,
     scaled_cage,
     share_outside,
+    solids_in_cuboids,
 )
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.frames import Similarity
 from cagesdf.matching import Match, correspond
 from cagesdf.meshes import is_closed
+from cagesdf.shape import Shape
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import parse
 
@@ -200,6 +207,51 @@ def test_deformed_parts_stay_closed_and_only_shared_vertices_leave_their_cuboid(
         assert shares[i] == out.mean()
     assert shares.max() > 0
     np.testing.assert_array_equal(share_outside(deform_shape(shape, rest, rest), rest), 0)
+
+
+def stool_transfers() -> tuple[Shape, Sequence, Trilinear, KeptDetails]:
+    match, cages = stool_match()
+    shape, sequence = toy.stool("a"), make_sequence(match, cages, cuboid_path(match, cages), 6, (2, 3))
+    details = np.linspace(1, 1.2, 6)
+    return shape, sequence, Trilinear.of(shape, sequence, details), KeptDetails.of(shape, sequence, details)
+
+
+def test_trilinear_parts_follow_all_cuboids_or_their_own_and_are_the_same_in_their_unit_frames() -> None:
+    shape, sequence, trilinear, _ = stool_transfers()
+    rest, moved, solids = sequence.cages[0], sequence.cages[4], solids_in_cuboids(shape, sequence.cages[0])
+    for ours, theirs in (
+        (trilinear.parts(shape, sequence, 4), deform_shape(shape, rest, moved)),
+        (trilinear.own_parts(shape, sequence, 4), follow_own_cuboids(shape, rest, moved)),
+        (trilinear.in_cuboids(solids, 4), solids),
+    ):
+        assert [mesh.vertices.tobytes() for mesh in ours] == [mesh.vertices.tobytes() for mesh in theirs]
+
+
+def test_kept_details_are_those_of_each_step_in_whichever_frame() -> None:
+    shape, sequence, _, kept = stool_transfers()
+    rest, moved = sequence.cages[0], sequence.cages[4]
+    wanted = keep_details(shape, rest, moved, 1.16)
+    solids = [part.mesh.with_vertices(rest.to_unit(part.mesh.vertices, i)) for i, part in enumerate(shape.parts)]
+    in_cuboids = kept.in_cuboids(solids, 4)
+    for i, mesh in enumerate(wanted):
+        assert is_closed(mesh)
+        np.testing.assert_allclose(kept.parts(shape, sequence, 4)[i].vertices, mesh.vertices, atol=1e-12)
+        np.testing.assert_allclose(moved.from_unit(in_cuboids[i].vertices, i), mesh.vertices, atol=1e-12)
+    np.testing.assert_array_equal(share_outside(wanted, moved), 0)
+
+
+def test_a_box_among_kept_details_is_moved_as_by_its_cuboid_alone() -> None:
+    shape, sequence, _, kept = stool_transfers()
+    seat = sequence.cages[0].part_ids.index("seat")
+    ours, theirs = kept.parts(shape, sequence, 5)[seat], Trilinear().own_parts(shape, sequence, 5)[seat]
+    np.testing.assert_allclose(ours.vertices, theirs.vertices, atol=1e-9)
+
+
+def test_a_detail_is_measured_in_the_unit_of_the_files() -> None:
+    _, sequence, _, _ = stool_transfers()
+    small, large = (Similarity(scale, np.eye(3), np.zeros(3)) for scale in (0.5, 2.0))
+    np.testing.assert_allclose(detail_lengths(sequence, small, large), 1 + 3 * sequence.t)
+    np.testing.assert_array_equal(detail_lengths(sequence, large, large), 1)
 
 
 TABLE = """

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from cagesdf.errors import ShapeRejected
+from cagesdf.seeds import item_rng
 from pipeline.errors import SettingError, WorkerError
-from pipeline.executor import counter, device, item_rng, item_seconds, parallel_groups, parallel_map, workers
+from pipeline.executor import counter, device, item_seconds, parallel_groups, parallel_map, workers
 
 
 def square(number: int) -> int:

@@ -70,6 +70,7 @@ class Local(Analytic):
     """A decoder of parts: a function of the point in its cuboid's local frame, whose values end at its thickness."""
 
     trains_on = "part"
+    trusted = 0.5
 
     def unit(self, cuboid: torch.Tensor) -> torch.Tensor:
         return cuboid[:, 12:].amin(dim=1)

@@ -26,7 +26,15 @@ from stages.import_shapes import main
 
 BOX = toy.box([0, 0, 0], [1, 1, 1])
 PARAMS = ImportParams(
-    format=1, include="*", up="y", weld=1e-5, max_faces=100_000, max_parts=150, min_thickness=1e-4, max_rejected=0.0
+    format=1,
+    include="*",
+    up="y",
+    parts="given",
+    weld=1e-5,
+    max_faces=100_000,
+    max_parts=150,
+    min_thickness=1e-4,
+    max_rejected=0.0,
 )
 ENCODINGS = {
     "utf-8": b"",

@@ -82,7 +82,9 @@ def test_any_name_goes_through_the_stages(tmp_path: Path, monkeypatch: pytest.Mo
     )  # fmt: skip
     raw, shapes, cuboids, matches, sequences = (tmp_path / name for name in ("raw", "shapes", "cuboids", "m", "s"))
     limits = {"weld": 1e-5, "max_faces": 100_000, "max_parts": 150, "min_thickness": 1e-4}
-    import_shapes.main(raw, shapes, ImportParams(format=1, include="*", up="y", max_rejected=0.0, **limits))
+    import_shapes.main(
+        raw, shapes, ImportParams(format=1, include="*", up="y", parts="given", max_rejected=0.0, **limits)
+    )
     fit_cuboids.main(
         shapes, cuboids,
         FitParams(format=1, slack=0.01, min_size=1e-3, margin=1e-6, points=50, max_rejected=0.0, seed=6),
@@ -92,7 +94,7 @@ def test_any_name_goes_through_the_stages(tmp_path: Path, monkeypatch: pytest.Mo
     )
     deform_sequences.main(
         shapes, cuboids, matches, sequences,
-        DeformParams(format=1, steps=3, held_out=(1,), interpolation="cuboids", max_rejected=0.0),
+        DeformParams(format=1, steps=3, held_out=(1,), interpolation="cuboids", transfer="trilinear", max_rejected=0.0),
     )  # fmt: skip
     for shape in read_shapes(shapes):
         structure = shape.structure

@@ -14,7 +14,15 @@ from pipeline import ImportParams, artefact
 from stages.import_shapes import main
 
 PARAMS = ImportParams(
-    format=1, include="*", up="y", weld=1e-5, max_faces=100_000, max_parts=150, min_thickness=1e-4, max_rejected=0.5
+    format=1,
+    include="*",
+    up="y",
+    parts="given",
+    weld=1e-5,
+    max_faces=100_000,
+    max_parts=150,
+    min_thickness=1e-4,
+    max_rejected=0.5,
 )
 
 

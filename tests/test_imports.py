@@ -11,6 +11,7 @@ SOLIDS = {"errors", "frames", "cuboid", "meshes", "solid", "distance"}
 # A file or folder of cagesdf, and what else of cagesdf it may import.
 ALLOWED = {
     "errors": set(),
+    "seeds": set(),
     "text": {"errors"},
     "frames": {"errors"},
     "cuboid": {"errors", "frames"},
@@ -22,20 +23,22 @@ ALLOWED = {
     "structure": {"errors", "text", "frames", "cuboid"},
     "shape": {"frames", "meshes", "structure"},
     "alignment": RECORDS,
-    "formats": RECORDS | {"alignment", "text"},
+    "parts": RECORDS | SOLIDS | {"fitting", "matching"},
+    "formats": RECORDS | {"alignment", "text", "parts"},
     "audit": RECORDS | SOLIDS,
-    "importing": RECORDS | SOLIDS | {"audit"},
+    "importing": RECORDS | SOLIDS | {"audit", "parts"},
     "synthesis": RECORDS | SOLIDS,
     "fitting": RECORDS | SOLIDS,
     "matching": RECORDS | SOLIDS,
-    "deformation": RECORDS | SOLIDS | {"matching"},
+    "resizing": {"errors", "meshes"},
+    "deformation": RECORDS | SOLIDS | {"matching", "resizing"},
     "sampling": RECORDS | SOLIDS | {"deformation"},
     "part_sampling": RECORDS | SOLIDS | {"sampling"},
     "models": {"errors", "frames", "cuboid"},
     "generation": RECORDS | {"matching"},
     "stability": RECORDS | {"matching"},
     "simulation": RECORDS | {"stability"},
-    "io": RECORDS | {"fitting", "matching", "models", "evaluation", "generation"},
+    "io": RECORDS | {"fitting", "matching", "deformation", "resizing", "models", "evaluation", "generation"},
     "point_chunks": RECORDS | SOLIDS | {"sampling", "part_sampling", "io"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | SOLIDS | {"models"},
@@ -47,6 +50,10 @@ ALLOWED = {
     "generating": RECORDS | {"generation", "stability", "simulation", "io", "extraction"},
     "rendering": RECORDS | SOLIDS,
     "demo": set(),
+    "api": RECORDS
+    | SOLIDS
+    | {"seeds", "editing", "extraction", "generation", "generating", "inference"}
+    | {"formats", "importing", "io", "rendering", "demo"},
     "viewing": RECORDS
     | {"editing", "generation", "generating", "inference", "formats", "io", "extraction", "rendering"},
     "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
@@ -55,6 +62,7 @@ TORCH = {
     "models",
     "training",
     "extraction",
+    "api",
     "inference",
     "generating",
     "generation/batching.py",
@@ -120,9 +128,10 @@ def room(path: Path) -> str:
 def test_the_library_imports_only_what_lies_before_it(path: Path) -> None:
     names = imported(path)
     assert not {name for name in names if name.split(".")[0] == "stages"}
+    pipeline = {name for name in names if name.split(".")[0] == "pipeline"}
+    assert not pipeline or path.name == "planning.py", "the package is installed without it"
     if room(path) in ("cli", "__init__"):
         return
-    assert not {name for name in names if name.split(".")[0] == "pipeline"}
     assert room(path) in ALLOWED, f"give {room(path)} a place in ALLOWED and in docs/design.md"
     assert tops(path, "cagesdf") <= ALLOWED[room(path)] | {room(path)}
 
@@ -143,7 +152,9 @@ def test_an_import_by_a_call_is_seen() -> None:
 
 @pytest.mark.parametrize("path", modules("cagesdf") + modules("stages"), ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_stages_depend_on_is_imported_by_statements(path: Path) -> None:
-    """`pipeline.library`, which decides on reruns, sees no others."""
+    """`pipeline.library`, which decides on reruns, sees no others. Stages don't use the names of the Python API."""
+    if path == ROOT / "cagesdf" / "__init__.py":
+        return
     calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
     assert not DYNAMIC & {called(node) for node in calls}
 

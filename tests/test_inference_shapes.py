@@ -15,8 +15,7 @@ from test_cli import Command
 from test_inference import Balls
 
 from cagesdf import inference
-from cagesdf.cli import fitting
-from cagesdf.cli.shapes import IMPORT
+from cagesdf.api.sources import IMPORT
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
@@ -37,11 +36,11 @@ ROOT = Path(__file__).parent.parent
 RADII = {"chair_1": 0.30, "chair_2": 0.36, "chair_3": 0.42}
 SIDES = {"a": -0.62, "b": 0.62}
 SETTINGS = replace(
-    fitting.settings_of(),
+    inference.usual_settings(),
     points=100,
-    counts=replace(fitting.settings_of().counts, near=1500, uniform=100, part_near=128.0, part_uniform=16.0),
+    counts=replace(inference.usual_settings().counts, near=1500, uniform=100, part_near=128.0, part_uniform=16.0),
     inference=replace(
-        fitting.settings_of().inference, code_steps=40, residual_steps=40, code_weight=0.0, residual_weight=0.0
+        inference.usual_settings().inference, code_steps=40, residual_steps=40, code_weight=0.0, residual_weight=0.0
     ),
 )  # fmt: skip
 UP = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}  # from y up to the axis
@@ -169,8 +168,8 @@ def run_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "run"
     folder.mkdir()
     write_residuals(folder, RESIDUALS)
-    monkeypatch.setattr("cagesdf.io.runs.read_run", lambda path: trained())
-    monkeypatch.setattr(fitting, "settings_of", lambda: SETTINGS)
+    monkeypatch.setattr("cagesdf.api.runs.read_run", lambda path: trained())
+    monkeypatch.setattr(inference, "usual_settings", lambda: SETTINGS)
     return folder
 
 
@@ -240,8 +239,8 @@ def test_bad_sources_and_places_are_complaints(command: Command, run_folder: Pat
     assert "rejected: " in command.complaint("fit", run_folder, tmp_path / "broken.obj", out)
     assert "is there already" in command.complaint("fit", run_folder, source, tmp_path)
     assert "there is no folder" in command.complaint("fit", run_folder, source, tmp_path / "no/out")
-    assert "--resolution 4" in command.complaint("fit", run_folder, source, out, "--resolution", "4")
-    assert "--seed -1" in command.complaint("fit", run_folder, source, out, "--seed", "-1")
+    assert "resolution 4" in command.complaint("fit", run_folder, source, out, "--resolution", "4")
+    assert "seed -1" in command.complaint("fit", run_folder, source, out, "--seed", "-1")
     (run_folder / "residuals.parquet").unlink()
     assert "residuals.parquet" in command.complaint("fit", run_folder, source, out)
     assert not out.exists()
@@ -250,9 +249,9 @@ def test_bad_sources_and_places_are_complaints(command: Command, run_folder: Pat
 def test_the_commands_numbers_are_those_of_the_default_run() -> None:
     """A shape is prepared as those were that the network was trained on."""
     params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
-    for name, own in (("fit_cuboids", fitting.CUBOIDS), ("sample_points", fitting.SAMPLES)):
+    for name, own in (("fit_cuboids", inference.CUBOIDS), ("sample_points", inference.SAMPLES)):
         assert own == {key: params[name][key] for key in own}
-    assert {key: params["evaluate"][key] for key in fitting.MEASURE} == fitting.MEASURE
+    assert {key: params["evaluate"][key] for key in inference.MEASURE} == inference.MEASURE
 
 
 def test_residuals_read_back_and_are_sorted(tmp_path: Path) -> None:

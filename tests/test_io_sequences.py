@@ -7,7 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.io.sequences import SEQUENCES, read_sequences, write_sequences
+from cagesdf.deformation import KeptDetails, Trilinear
+from cagesdf.io.sequences import SEQUENCES, read_sequences, read_transfers, write_sequences, write_transfers
+from cagesdf.resizing import AxisWarp
 
 
 def sequence(shape_id: str, target_id: str | None, steps: int) -> Sequence:
@@ -44,3 +46,22 @@ def test_each_row_has_the_share_outside_of_its_step_and_part(tmp_path: Path, wri
     row = next(row for row in rows if (row["shape_id"], row["step"], row["part_id"]) == ("b", 4, "a"))
     assert row["outside"] == 9.0
     assert row["t"] == pytest.approx(0.8)
+
+
+def test_warps_come_back_exactly_and_only_where_there_are_any(tmp_path: Path, written: dict[str, Sequence]) -> None:
+    rng = np.random.default_rng(0)
+    warps = tuple(tuple(AxisWarp(rng.normal(size=(3, 5))) for _ in range(2)) for _ in range(6))
+    write_transfers(tmp_path, written.values(), {"a": Trilinear(), "b": KeptDetails(warps)})
+    back = read_transfers(tmp_path, written)
+    assert back["a"] == Trilinear()
+    for ours, wanted in zip(back["b"].warps, warps, strict=True):
+        for warp, other in zip(ours, wanted, strict=True):
+            np.testing.assert_array_equal(warp.knots, other.knots)
+
+
+def test_where_surfaces_follow_their_cuboids_alone_no_file_of_warps_is_written(
+    tmp_path: Path, written: dict[str, Sequence]
+) -> None:
+    write_transfers(tmp_path, written.values(), dict.fromkeys(written, Trilinear()))
+    assert [path.name for path in tmp_path.iterdir()] == ["sequences.parquet"]
+    assert read_transfers(tmp_path, written) == dict.fromkeys(written, Trilinear())

@@ -37,7 +37,7 @@ def sections(tmp_path: Path, profile: str | None) -> dict:
 @pytest.mark.parametrize(
     ("profile", "expected"),
     [
-        (None, Counts(48 + 12, 48, 48 * 4, 48 * 4 * 6000, 6 + 3 * 2, 16 * 2 + 2 * 6)),
+        (None, Counts(32 + 8, 32, 32 * 4, 32 * 4 * 6000, 6 + 3 * 2, 16 * 2 + 2 * 6)),
         ("tiny", Counts(16 + 2, 16, 16 * 4, 16 * 4 * 1800, 2 + 1 * 2, 3 * 2 + 2 * 6)),
         ("paper", Counts(2000, 1900, 7600, 7600 * 275_000, 1900 + 3 * 2, 16 * 2 + 2 * 6)),
     ],
@@ -56,9 +56,9 @@ def only(tmp_path: Path, *some: Measured, processes: int = 1) -> Estimate:
 
 
 def test_times_are_those_measured_in_proportion_to_what_there_is_to_do(tmp_path: Path) -> None:
-    assert only(tmp_path, found("synthesize", 3.0)).seconds == pytest.approx(3.0 / 2 * 60)
-    assert only(tmp_path, found("deform_sequences", 3.0)).seconds == pytest.approx(3.0 / 2 * 48)
-    assert only(tmp_path, found("sample_points", 8.0)).seconds == pytest.approx(8.0 / (2 * 4) * 192)
+    assert only(tmp_path, found("synthesize", 3.0)).seconds == pytest.approx(3.0 / 2 * 40)
+    assert only(tmp_path, found("deform_sequences", 3.0)).seconds == pytest.approx(3.0 / 2 * 32)
+    assert only(tmp_path, found("sample_points", 8.0)).seconds == pytest.approx(8.0 / (2 * 4) * 128)
     training = only(tmp_path, found("train", 2.0, 20 * 64, "cagesdf"))
     assert training.seconds == pytest.approx(2.0 / 20 * sections(tmp_path, None)["arms.cagesdf"].steps)
     # Surfaces are measured with 64 cells, and have 128.
@@ -88,7 +88,7 @@ def test_the_stages_that_workers_do_not_share_are_the_two_that_map_over_nothing_
 
 def test_disk_grows_with_the_items_and_categories_add_up(tmp_path: Path) -> None:
     one, two = only(tmp_path, found("fit_cuboids", 1.0)), only(tmp_path, *[found("fit_cuboids", 1.0)] * 2)
-    assert one.size == 30 * 1_000_000
+    assert one.size == 20 * 1_000_000
     assert (two.size, two.items, two.seconds) == (2 * one.size, 2 * one.items, 2 * one.seconds)
 
 

@@ -7,6 +7,7 @@ import pytest
 import toy
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
+from cagesdf.deformation import Trilinear
 from cagesdf.evaluation.reconstruction import BOTH_WAYS, METRICS, OWN, Measured, Truth, own_figures, score
 from cagesdf.meshes import Mesh, sample_surface
 from cagesdf.shape import Shape
@@ -188,7 +189,7 @@ def test_the_true_surface_of_a_step_follows_its_cage() -> None:
     shape, rest = stool_in_its_boxes()
     wider = replace(rest, centre=rest.centre * [2, 1, 1], size=rest.size * [2, 1, 1])
     sequence = Sequence("a", None, np.array([0.0, 1.0]), (False, True), (rest, wider))
-    at_rest, moved = (Truth.of(shape, sequence, step, 0.005) for step in (0, 1))
+    at_rest, moved = (Truth.of(shape, sequence, step, 0.005, Trilinear()) for step in (0, 1))
     np.testing.assert_allclose(np.ptp(moved.mesh.vertices, axis=0), np.ptp(at_rest.mesh.vertices, axis=0) * [2, 1, 1])
 
 
@@ -201,7 +202,7 @@ def test_a_surface_is_measured_against_the_truth_it_was_taught() -> None:
     sequence = Sequence("a", None, np.array([0.0, 1.0]), (False, True), (loose, replace(loose, centre=centre)))
 
     def both(predicted: Mesh | None, step: int) -> tuple[float, float]:
-        truths = [kind(shape, sequence, step, 0.005) for kind in (Truth.of, Truth.own)]
+        truths = [kind(shape, sequence, step, 0.005, Trilinear()) for kind in (Truth.of, Truth.own)]
         surface = Measured(predicted) if predicted else None
         drawn = [truth.drawn(POINTS, np.random.default_rng(0)) for truth in truths]
         averaged = score(surface, truths[0], drawn[0], np.random.default_rng(0))["surface_distance"]
@@ -209,7 +210,7 @@ def test_a_surface_is_measured_against_the_truth_it_was_taught() -> None:
         assert by_own.keys() == set(OWN.values())
         return averaged, by_own["surface_distance_own"]
 
-    own, averaged = (kind(shape, sequence, 1, 0.005).mesh for kind in (Truth.own, Truth.of))
+    own, averaged = (kind(shape, sequence, 1, 0.005, Trilinear()).mesh for kind in (Truth.own, Truth.of))
     assert both(own, 1)[1] < 1e-9 < 0.01 < both(own, 1)[0]
     assert both(averaged, 1)[0] < 1e-9 < 0.01 < both(averaged, 1)[1]
     assert both(own, 0)[0] == pytest.approx(both(own, 0)[1])

@@ -141,7 +141,10 @@ def test_a_decoder_that_there_is_not_is_refused_with_the_file_and_those_there_ar
     arm = json.loads((folder / "arm.json").read_text())
     arm["params"]["decoder"] = "LocalCageDecoder"
     (folder / "arm.json").write_text(json.dumps(arm))
-    with pytest.raises(InputError, match=r"arm\.json.*TriplaneDecoder, CageDecoder.*got LocalCageDecoder; train again"):
+    with pytest.raises(
+        InputError,
+        match=r"arm\.json.*TriplaneDecoder, OccupancyDecoder, CageDecoder.*got LocalCageDecoder; train again",
+    ):
         read_run(folder)
 
 
@@ -172,7 +175,7 @@ def test_sizes_that_make_no_network_are_refused_by_name(size: str, value: object
         read_run(folder)
 
 
-@pytest.mark.parametrize("name", ["TriplaneDecoder", "CageDecoder", "DeepSdfDecoder"])
+@pytest.mark.parametrize("name", ["TriplaneDecoder", "OccupancyDecoder", "CageDecoder", "DeepSdfDecoder"])
 def test_a_run_needs_the_sizes_of_its_own_decoder_alone(name: str, tmp_path: Path) -> None:
     params = {size: PARAMS[size] for size in {*sizes_of_decoder(name), "latent_dim", "reach", "clamp"}}
     decoder = make_decoder(name, **{size: params[size] for size in sizes_of_decoder(name)}, seed=1)

@@ -138,6 +138,8 @@ def test_references_stand_where_they_must(done: Path) -> None:
             assert (row["kind"], row["distance"]) == ("rest", pytest.approx(0, abs=1e-6))
         if row["kind"] in SWAPS and row["arm"] == "unchanged":
             assert row["gain"] == 0
+        if row["arm"] == "keep_warp":
+            assert row["kind"] == "swap", "what is taught by default, warp, stretches details"
         if row["arm"] == "box_warp":
             assert row["kind"] in ("swap", "bent"), "of all others it is the truth"
             assert row["distance"] > 0.01
@@ -154,7 +156,7 @@ def test_an_arm_has_a_row_a_trial_and_one_without_cuboids_has_none(done: Path) -
         assert np.isnan(row["gain"]) == (row["kind"] not in SWAPS)
     files = [(rows, about), read_edits(done / "trials" / "references.parquet")]
     table = gather_edits({"vase": files}, {"vase": ARMS})["categories"]["vase"]
-    assert sorted(table) == ["box_warp", "cagesdf", "deepsdf", "ground_truth", "unchanged"]
+    assert sorted(table) == ["box_warp", "cagesdf", "deepsdf", "ground_truth", "keep_warp", "unchanged"]
     assert table["deepsdf"] == {}
     assert table["cagesdf"]["all"]["refit"]["n"] == len(rows)
 

@@ -128,7 +128,9 @@ def test_progress_is_measured_at_snapshots_and_at_the_end(inputs: Path, tmp_path
     for workers in ("1", "2"):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CAGESDF_WORKERS", workers)
-            evaluate_progress.main(inputs / "runs", inputs / "shapes", tmp_path / workers, PROGRESS)
+            evaluate_progress.main(
+                inputs / "runs", inputs / "shapes", inputs / "sequences", tmp_path / workers, PROGRESS
+            )
     assert (
         filecmp.cmpfiles(tmp_path / "1", tmp_path / "2", ["progress.parquet", "manifest.json"], shallow=False)[1] == []
     )
@@ -197,7 +199,9 @@ def test_only_the_arms_that_are_run_are_measured_whatever_else_lies_there(
     measured = edited / "meshes", inputs / "shapes", inputs / "sequences"
     evaluate.main(*measured, tmp_path / "scores", EVALUATE.model_copy(update=one))
     assert set(read_scores(tmp_path / "scores")[0]) == {"cage", "cagesdf", "ground_truth"}
-    evaluate_progress.main(edited / "runs", inputs / "shapes", tmp_path / "progress", PROGRESS.model_copy(update=one))
+    evaluate_progress.main(
+        edited / "runs", inputs / "shapes", inputs / "sequences", tmp_path / "progress", PROGRESS.model_copy(update=one)
+    )
     assert {row["arm"] for row in read_progress(tmp_path / "progress")[0]} == {"cagesdf"}
 
 

@@ -16,7 +16,7 @@ from cagesdf.io.cuboids import read_cages
 from cagesdf.io.matches import read_matches
 from cagesdf.io.points import POINTS, PointsOf, read_points, shard_paths
 from cagesdf.io.rejected import read_rejected
-from cagesdf.io.sequences import read_sequences
+from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.meshes import Mesh
 from cagesdf.solid import union
 from pipeline import DeformParams, FitParams, MatchParams, SampleParams
@@ -25,7 +25,9 @@ from stages import deform_sequences, fit_cuboids, match_targets, sample_points
 
 FIT = FitParams(format=1, slack=0.01, min_size=1e-3, margin=1e-6, points=500, max_rejected=0.1, seed=6)
 MATCH = MatchParams(format=1, unmatched="drop", scale=(0.8, 1.25), max_rejected=0.5, seed=2)
-DEFORM = DeformParams(format=1, steps=6, held_out=(2, 3), interpolation="cuboids", max_rejected=0.1)
+DEFORM = DeformParams(
+    format=1, steps=6, held_out=(2, 3), interpolation="cuboids", transfer="trilinear", max_rejected=0.1
+)
 SAMPLE = SampleParams(
     format=1, near=400, uniform=100, per_cuboid=64, beta=60.0, part_near=32.0, part_uniform=8.0, shards=2,
     max_rejected=0.5, seed=3,
@@ -113,6 +115,27 @@ def test_points_of_parts_are_of_training_steps_and_lie_as_far_from_the_parts_tha
         assert len(rows) >= 2
         xyz = points.xyz[rows].reshape(-1, 3).astype(np.float64)
         np.testing.assert_allclose(points.sdf[rows].ravel(), SurfaceDistance(moved).signed(xyz), atol=1e-7)
+
+
+def test_where_details_keep_their_size_cages_are_the_same_and_points_are_of_warped_parts(
+    done: Path, tmp_path: Path
+) -> None:
+    keep = DEFORM.model_copy(update={"transfer": "keep_details"})
+    deform_sequences.main(done / "shapes", done / "cuboids", done / "matches", tmp_path / "sequences", keep)
+    sample_points.main(done / "shapes", tmp_path / "sequences", tmp_path / "points", SAMPLE)
+    trilinear, sequences = (read_sequences(folder / "sequences") for folder in (done, tmp_path))
+    shape, sequence = SHAPES[1], sequences["b"]
+    for cage, other in zip(sequence.cages, trilinear["b"].cages, strict=True):
+        np.testing.assert_array_equal(cage.vectors(), other.vectors())
+    points, meshes = (
+        read_points(tmp_path / "points", "part"),
+        read_transfers(tmp_path / "sequences", ["b"])["b"].parts(shape, sequence, 4),
+    )
+    for i, part_id in enumerate(sequence.cages[0].part_ids):
+        place = points.shape_ids.index("b"), 4, points.part_ids.index(part_id)
+        rows = np.flatnonzero((np.stack([points.shape_id, points.step, points.part], axis=1) == place).all(axis=1))
+        xyz = points.xyz[rows].reshape(-1, 3).astype(np.float64)
+        np.testing.assert_allclose(points.sdf[rows].ravel(), SurfaceDistance(meshes[i]).signed(xyz), atol=1e-7)
 
 
 @pytest.mark.parametrize("of", ["shape", "part"])

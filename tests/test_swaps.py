@@ -7,7 +7,7 @@ import pytest
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.distance import SurfaceDistance
-from cagesdf.evaluation.swaps import box_warp, differ, in_style, swap_trials, swaps_of
+from cagesdf.evaluation.swaps import box_warp, differ, in_style, keep_warp, swap_trials, swaps_of
 from cagesdf.importing import import_shape
 from cagesdf.meshes import Mesh, is_closed
 from cagesdf.shape import RawShape, Shape
@@ -120,6 +120,30 @@ def test_a_shape_warped_onto_its_own_cuboids_is_itself_and_onto_others_fills_the
     assert apart(own, union([part.mesh for part in shape.parts])) == pytest.approx(0, abs=1e-9)
     warped = union(box_warp(other, cage, shape, rest)[0])
     assert np.allclose(np.ptp(warped.vertices, axis=0), np.ptp(rest.corners().reshape(-1, 3), axis=0), rtol=0.1)
+
+
+def test_a_keep_warp_onto_its_own_cuboids_is_the_shape_and_onto_others_fills_them() -> None:
+    a, b = family(CHAIRS, "panel")[:2]
+    (shape, rest), (other, cage) = shape_of(a), shape_of(b)
+    for mesh, part in zip(keep_warp(shape, rest, shape, rest)[0], shape.parts):
+        np.testing.assert_allclose(mesh.vertices, part.mesh.vertices, atol=1e-12)
+    meshes, taken = keep_warp(other, cage, shape, rest)
+    assert taken == box_warp(other, cage, shape, rest)[1]
+    for mesh, part_id in zip(meshes, taken):
+        assert is_closed(mesh)
+        points = rest.to_unit(mesh.vertices, rest.part_ids.index(part_id))
+        np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [[-0.5] * 3, [0.5] * 3], atol=1e-6)
+
+
+def test_details_keep_their_size_in_the_files_unit() -> None:
+    """Cuboids of a shape twice as large are not larger in its canonical frame, but details are half as long there."""
+    a, b = family(CHAIRS, "panel")[:2]
+    (shape, rest), (styled, styled_rest) = shape_of(a), shape_of(b)
+    large = replace(shape, similarity=replace(shape.similarity, scale=shape.similarity.scale / 2))
+    doubled = replace(rest, centre=2 * rest.centre, size=2 * rest.size)
+    ours, theirs = keep_warp(styled, styled_rest, large, rest)[0], keep_warp(styled, styled_rest, shape, doubled)[0]
+    for mesh, other in zip(ours, theirs):
+        np.testing.assert_allclose(2 * mesh.vertices, other.vertices, atol=1e-9)
 
 
 def test_swaps_stay_in_a_family_and_change_the_style() -> None:

@@ -136,6 +136,16 @@ def test_distances_are_in_the_smallest_length_of_the_cuboid_and_no_length_is_too
     torch.testing.assert_close(two, 2 * one)
 
 
+def test_errors_are_in_the_cuboids_unit_and_the_clamp_cuts_prediction_and_truth_there() -> None:
+    cuboids = torch.ones(2, 15)
+    cuboids[1, 13] = 0.5  # its smallest length
+    predicted, sdf = torch.tensor([[0.5, -0.05]]).expand(2, 2), torch.tensor([[0.2, 0.5]]).expand(2, 2)
+    decoder = network()
+    clamped, free = (decoder.errors(predicted, sdf, cuboids, clamp) for clamp in (0.1, 0.0))
+    torch.testing.assert_close(clamped, torch.tensor([[0.0, 0.15], [0.0, 0.2]]))
+    torch.testing.assert_close(free, torch.tensor([[0.3, 0.55], [0.6, 1.1]]))
+
+
 @pytest.mark.parametrize("factor", [0.5, 1.7])
 def test_a_part_grows_with_its_cuboid_and_its_distances_with_it(factor: float) -> None:
     """With what its code and lengths do to the layers held, and its smallest length still a unit."""

@@ -71,7 +71,7 @@ def test_own_data_takes_the_place_of_synthesis(root: Path) -> None:
 
 
 def test_what_is_missing_or_misspelt_is_one_line_that_tells_what_there_is(root: Path) -> None:
-    with pytest.raises(ParamsError, match="no profile 'tiney'; profiles/ has demo, own, paper, tiny"):
+    with pytest.raises(ParamsError, match="no profile 'tiney'; profiles/ has ablations, demo, keep, own, paper, tiny"):
         workspace.main(["profile", "tiney"])
     with pytest.raises(ParamsError, match="no such folder"):
         workspace.main(["own", "--data", str(root / "nowhere"), "--name", "chair"])

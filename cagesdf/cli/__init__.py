@@ -14,11 +14,10 @@ from cagesdf.cli.generating import generate
 from cagesdf.cli.inspecting import inspect
 from cagesdf.cli.planning import plan
 from cagesdf.cli.programs import execute_programs, signature
-from cagesdf.cli.shapes import check, sdf
+from cagesdf.cli.shapes import check, parts, sdf
 from cagesdf.cli.surfaces import edit, extract, mix, swap
 from cagesdf.cli.viewing import view
 from cagesdf.errors import InputError, ShapeRejected
-from pipeline.errors import PipelineError
 
 app = cyclopts.App(
     "cagesdf",
@@ -26,7 +25,7 @@ app = cyclopts.App(
     version=lambda: version("cagesdf"),
     version_flags=["--version"],
 )
-for command in (view, inspect, extract, edit, swap, mix, fit, generate, signature, check, sdf, plan):
+for command in (view, inspect, extract, edit, swap, mix, fit, generate, signature, check, parts, sdf, plan):
     app.command(command)
 app.command(execute_programs, name="execute")
 
@@ -39,7 +38,7 @@ def run() -> None:
         # Who read the output has seen enough; what is still buffered must go somewhere when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except (cyclopts.CycloptsError, InputError, ShapeRejected, PipelineError, OSError) as error:
+    except (cyclopts.CycloptsError, InputError, ShapeRejected, OSError) as error:
         text = " ".join(str(error).split())
         sys.exit(f"cagesdf: {text}{' See cagesdf --help.' if isinstance(error, cyclopts.CycloptsError) else ''}")
     except KeyboardInterrupt:

@@ -1,27 +1,22 @@
 """The command that makes new shapes with a trained network."""
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from cagesdf.cli.files import check_folder, new_folder
-from cagesdf.cli.surfaces import LEAST
+from cagesdf.cli.machine import workers
 from cagesdf.errors import InputError
+from cagesdf.io.files import check_folder, new_folder
 
 if TYPE_CHECKING:
     from cagesdf.cuboid import Cage
-    from cagesdf.generating import CageDraws, Order
-    from cagesdf.generation.generator import Generated
+    from cagesdf.generating import Order
     from cagesdf.io.generated import GeneratedShape
     from cagesdf.io.runs import Run
 
-MOST = 100_000  # shapes
 POINTS = 2048  # that a surface is sampled with before it is written
 COLUMNS = 8  # pictures in a row of the sheet
 CELL = 220  # pixels along a side of one of them
@@ -76,84 +71,35 @@ def generate(
         How it is tested whether shapes stand: by the polygon that they stand on, or by letting them go and pushing them
         in a simulation (pip install 'cagesdf[physics]').
     """
-    _check(out, count, seed, temperature, resolution)
+    if out.exists():
+        raise InputError(f"{out}: is there already; name a new folder")
+    check_folder(out)
+    if program is not None and programs is not None:
+        raise InputError("--program and --programs: wanted one of them")
     seconds = time.perf_counter()
     import torch
 
-    from cagesdf.generating import STABILITIES, code_source, counts, has_cuboids, in_order, orders
-    from cagesdf.io.runs import read_run
-    from pipeline.executor import item_rng, workers
+    from cagesdf.api.runs import load_run
+    from cagesdf.api.shapes import check_resolution
+    from cagesdf.generating import STABILITIES, counts, in_order
 
-    torch.set_num_threads(1)
-    trained = read_run(run)
-    if not has_cuboids(trained) and (latent or program or programs):
-        raise InputError(f"{run}: was trained without cuboids, so --latent, --program and --programs say nothing to it")
-    if program is not None and programs is not None:
-        raise InputError("--program and --programs: wanted one of them")
-    drawn = _drawn(run, trained, program, programs, count, seed, temperature)
-    method = (latent or "dependent") if has_cuboids(trained) else "isotropic"
-    source = code_source(trained, method, None)
-    todo = orders(drawn, method, source, seed, partial(item_rng, seed, "code"), temperature)
-    make = _maker(trained, resolution, STABILITIES[stability], seed)
-    with new_folder(out) as folder, ThreadPoolExecutor(workers()) as pool:
-        found = counts(_written(folder, in_order(pool, make, todo, AHEAD * workers()), ending))
+    check_resolution(resolution)
+    torch.set_num_threads(1)  # for each of the pool's
+    trained = load_run(run, programs)
+    new = trained.draw(count, seed, latent=latent, temperature=temperature, program=program)
+    make = _maker(trained.session.run, resolution, STABILITIES[stability], seed)
+    threads = workers()
+    with new_folder(out) as folder, ThreadPoolExecutor(threads) as pool:
+        found = counts(_written(folder, in_order(pool, make, new.orders, AHEAD * threads), ending))
     told = {
         "out": str(out),
-        "method": method,
-        **source.about(),
+        "method": new.method,
+        **new.source.about(),
         "asked": count,
         **found,
         "seconds": round(time.perf_counter() - seconds, 2),
     }
     print(json.dumps(told, ensure_ascii=False))
-
-
-def _check(out: Path, count: int, seed: int, temperature: float, resolution: int) -> None:
-    """Raise InputError before anything is done in vain."""
-    if not 1 <= count <= MOST:
-        raise InputError(f"--count {count}: wanted 1 to {MOST:,}")
-    if seed < 0:
-        raise InputError(f"--seed {seed}: wanted 0 or more")
-    if not 0 <= temperature < math.inf:
-        raise InputError(f"--temperature {temperature}: wanted 0 or more; 1 is usual")
-    if resolution < LEAST:
-        raise InputError(f"--resolution {resolution}: wanted at least {LEAST} cells; 128 is usual, 256 is fine")
-    if out.exists():
-        raise InputError(f"{out}: is there already; name a new folder")
-    check_folder(out)
-
-
-def _drawn(
-    run: Path, trained: "Run", program: Path | None, programs: Path | None, count: int, seed: int, temperature: float
-) -> "Iterable[tuple[int, Generated | None]]":
-    """Cages with the numbers of their draws, as they are taken. InputError if nothing draws them."""
-    from cagesdf.generating import CageDraws, has_cuboids, of_program
-    from cagesdf.io.generators import GENERATOR, read_generator
-    from cagesdf.structure.parsing import read_program
-    from pipeline.executor import item_rng
-
-    if not has_cuboids(trained):
-        return ((number, None) for number in range(count))
-    if program is not None:
-        return repeat((0, of_program(read_program(program), trained)), count)
-    there = run.resolve()
-    folder = programs or there.parent.parent.parent / "programs" / there.parent.name
-    if not (folder / GENERATOR).is_file():
-        what = "--programs" if programs else f"new cuboids for {run} are looked for in {folder}"
-        wanted = "a folder that train_programs wrote (dvc repro train_programs); or give a --program"
-        raise InputError(f"{what}: there is no {folder / GENERATOR}; wanted {wanted}")
-    return _some(CageDraws(read_generator(folder).generator, item_rng(seed, "cages"), count, temperature), folder)
-
-
-def _some(draws: "CageDraws", folder: Path) -> "Iterator[tuple[int, Generated]]":
-    """All draws. InputError at their end if none was valid."""
-    some = False
-    for item in draws:
-        some = True
-        yield item
-    if not some:
-        reasons = "; ".join(f"{number} times: {reason}" for reason, number in sorted(draws.failures.items()))
-        raise InputError(f"{folder}: no draw gave a valid shape ({reasons}); train it longer, or lower --temperature")
 
 
 def _maker(
@@ -162,7 +108,7 @@ def _maker(
     """What makes a shape of an order, with random numbers of its own."""
     from cagesdf.extraction import LOOSE
     from cagesdf.generating import Extracting, make_shape
-    from pipeline.executor import item_rng
+    from cagesdf.seeds import item_rng
 
     how = Extracting(resolution, LOOSE["keep"], POINTS, stability)
 

@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from cagesdf.cli.files import check_folder, replacing
 from cagesdf.errors import InputError
-from pipeline import artefact
+from cagesdf.io.files import check_folder, replacing
+
+MANIFEST = "manifest.json"
 
 
 def inspect(path: Path, /, *, shape: str | None = None, picture: Path | None = None) -> None:
@@ -46,24 +47,21 @@ def _described(path: Path) -> list[str]:
 
 def _editable(run: Path, shape_id: str) -> list[str]:
     """Paragraphs about what can be edited: parts, in the user's frame and unit, and parameters."""
+    from cagesdf.api.runs import load_run
     from cagesdf.editing.links import mirrors
-    from cagesdf.editing.parts import parameters, part_names
-    from cagesdf.editing.session import Session
-    from cagesdf.io.runs import read_run
+    from cagesdf.editing.parts import part_names
     from cagesdf.io.summary import aligned, indented
 
-    state = Session(read_run(run)).opened(shape_id)
-    names, planes = part_names(state.structure), mirrors(state)
-    unit = state.similarity.scale
+    shape = load_run(run).open(shape_id)
+    names, planes = part_names(shape.structure), mirrors(shape.state)
+    size = 1 / shape.similarity.scale
     rows = [["part", "id", "centre", "lengths", "mirrored by"]]
-    for part, cuboid in state.cage.cuboids().items():
-        centre = state.similarity.to_raw(cuboid.centre[None])[0]
-        lengths = [cuboid.size[state.own_axis(axis)[0]] / unit for axis in "xyz"]
+    for part, (name, cuboid) in zip(shape.cage.part_ids, shape.cuboids.items(), strict=True):
         partners = ", ".join(names[other] for other in planes[part])
-        rows.append([names[part], part, _places(centre, 1 / unit), _triple(lengths), partners])
+        rows.append([name, part, _places(cuboid.centre, size), _triple(cuboid.size), partners])
     paragraphs = [f"{shape_id}, x, y, z in its file's frame and unit\n{indented(aligned(rows))}"]
-    if (placed := state.structure.placed_program()) is not None:
-        numbers = [[name, f"{value:.6g}"] for name, value in parameters(placed[0]).items()]
+    if shape.parameters:
+        numbers = [[name, f"{value:.6g}"] for name, value in shape.parameters.items()]
         paragraphs.append(f"parameters of its program\n{indented(aligned(numbers))}")
     return paragraphs
 
@@ -95,10 +93,10 @@ def _artefact(folder: Path) -> list[str]:
     """Paragraphs about a folder that a stage wrote: its manifest, then each of its tables."""
     from cagesdf.io.summary import aligned, indented, summarise
 
-    inside = sorted(item.name for item in folder.iterdir() if (item / artefact.MANIFEST).is_file())
-    if inside and not (folder / artefact.MANIFEST).is_file():
+    inside = sorted(item.name for item in folder.iterdir() if (item / MANIFEST).is_file())
+    if inside and not (folder / MANIFEST).is_file():
         raise InputError(f"{folder}: holds the artefacts {', '.join(inside)}; inspect one of them")
-    manifest = artefact.read_manifest(folder)
+    manifest = _manifest(folder)
     files: dict[str, dict[str, Any]] = manifest["files"]
     size = sum(item["bytes"] for item in files.values())
     facts = [
@@ -119,6 +117,18 @@ def _artefact(folder: Path) -> list[str]:
     stems = sorted({table.stem.rstrip("0123456789") for table in tables})
     shards = [[table for table in tables if table.stem.rstrip("0123456789") == stem] for stem in stems]
     return paragraphs + [summarise(paths) for paths in shards]
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """The manifest that `pipeline.artefact` writes. Raises InputError if it is missing or damaged."""
+    from cagesdf.io.weights import read_description
+
+    if not (folder / MANIFEST).is_file():
+        raise InputError(f"{folder}: has no {MANIFEST}, so no stage finished it; wanted a folder that a stage wrote")
+    manifest = read_description(folder / MANIFEST)
+    if not {"kind", "format", "files"} <= manifest.keys():
+        raise InputError(f"{folder / MANIFEST}: lacks kind, format or files; rerun the stage that writes it")
+    return manifest
 
 
 def _mesh(path: Path) -> str:

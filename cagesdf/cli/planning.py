@@ -3,6 +3,8 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from cagesdf.errors import InputError
+
 
 def plan(*, profile: str | None = None) -> None:
     """Say what a run will cost: shapes, points, and disk, memory and time of each stage on this machine.
@@ -16,8 +18,20 @@ def plan(*, profile: str | None = None) -> None:
     """
     from cagesdf.io.points import CHUNK
     from cagesdf.training.points import BYTES_A_POINT
-    from pipeline.planning import Groups
-    from pipeline.planning import plan as estimated
 
-    with TemporaryDirectory() as folder:
-        print("\n".join(estimated(profile, Path(folder), Groups(CHUNK, BYTES_A_POINT))))
+    try:
+        from pipeline.errors import PipelineError
+        from pipeline.planning import Groups
+        from pipeline.planning import plan as estimated
+    except ModuleNotFoundError as error:
+        if error.name and error.name.split(".")[0] == "pipeline":
+            raise InputError(
+                "plan runs the stages, which are in the repository and not in the package; clone it, and there: "
+                "pip install -e '.[pipeline]'"
+            ) from error
+        raise
+    try:
+        with TemporaryDirectory() as folder:
+            print("\n".join(estimated(profile, Path(folder), Groups(CHUNK, BYTES_A_POINT))))
+    except PipelineError as error:
+        raise InputError(str(error)) from error

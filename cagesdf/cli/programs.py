@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from cagesdf.cli.files import check_folder, replacing
 from cagesdf.errors import InputError, ProgramError
+from cagesdf.io.files import check_folder, replacing
 
 if TYPE_CHECKING:
     from cagesdf.structure.program import AssemblyProgram

@@ -1,29 +1,27 @@
 """Commands about shapes as their files give them."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from cagesdf.cli.files import check_folder, replacing
 from cagesdf.errors import InputError
+from cagesdf.io.files import check_folder, new_folder, replacing
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from numpy import ndarray
 
-    from cagesdf.shape import Shape
-
-# How `check` and `sdf` import: as params.yaml does.
-IMPORT: dict[str, Any] = {
-    "up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4,
-}  # fmt: skip
 MAX_POINTS = 20_000_000
 
 
 def check(*sources: Path, include: str = "*") -> None:
     """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
 
-    A folder's shapes are those that `make own` would take; what else is in it is said first. Exit status 1 if any
+    A folder's shapes are those that `make own` would take; what else is in it is said first. Parts of a single mesh are
+    found, and it is said whether those of a file were taken and why. Exit status 1 if any
     was rejected.
 
     Parameters
@@ -33,26 +31,78 @@ def check(*sources: Path, include: str = "*") -> None:
     include
         Glob over the names of a folder's shapes (INCLUDE of `make own`).
     """
-    from cagesdf.errors import ShapeRejected
-    from cagesdf.formats.listing import find_shapes, read_shape
-    from cagesdf.importing import import_shape, verdict
+    from cagesdf.api.sources import checked
+    from cagesdf.formats.listing import find_shapes
 
     if not sources:
         raise InputError("wanted mesh files or folders. See cagesdf --help.")
     listings = [find_shapes(source, include) for source in sources]
     for note in (note for listing in listings for note in listing.notes):
         print(note)
-    found = [shape for listing in listings for shape in listing]
     rejected = 0
-    for source in found:
-        try:
-            told = verdict(import_shape(read_shape(source), **IMPORT))
-        except ShapeRejected as error:
-            told = f"rejected: {error.reason}"
-            rejected += 1
-        print(f"{source.shape_id}: {told}", flush=True)
+    for result in checked(shape for listing in listings for shape in listing):
+        print(result, flush=True)
+        rejected += not result.usable
     if rejected:
-        raise InputError(f"{rejected:,} of {len(found):,} shapes rejected")
+        raise InputError(f"{rejected:,} of {sum(map(len, listings)):,} shapes rejected")
+
+
+def parts(source: Path, out: Path, /) -> None:
+    """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
+
+    Prints how well cuboids hold them as a JSON object. Beside the shape, `make own` prefers the file to finding parts.
+
+    Parameters
+    ----------
+    source
+        A mesh file or a folder of meshes: one shape, upright (y up). Its groups are joined.
+    out
+        A new folder, in one that exists.
+    """
+    import numpy as np
+
+    from cagesdf.api.sources import IMPORT
+    from cagesdf.cuboid import Cage
+    from cagesdf.errors import NotSolidError, ShapeRejected
+    from cagesdf.fitting.boxes import fit_cuboid
+    from cagesdf.formats.listing import find_shape, read_shape
+    from cagesdf.frames import canonical_similarity
+    from cagesdf.io.exports import Model, write_model
+    from cagesdf.meshes import Mesh, join
+    from cagesdf.parts.cutting import MIN_SIZE, SLACK
+    from cagesdf.parts.finding import as_written, find_parts
+    from cagesdf.parts.written import SUFFIX, written_json
+    from cagesdf.solid import CUBE_FACES, union
+
+    if out.exists():
+        raise InputError(f"{out}: is there already; name a new folder")
+    check_folder(out)
+    try:
+        raw = read_shape(replace(find_shape(source), written=None))
+        mesh = join([part.mesh for part in raw.parts])
+        placement = canonical_similarity(mesh.vertices, IMPORT["up"])
+        canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
+        found = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
+    except ShapeRejected as error:
+        raise InputError(f"{source}: rejected: {error.reason}") from error
+    except NotSolidError as error:
+        raise InputError(f"{source}: its surface {error}") from error
+
+    def as_given(mesh: Mesh) -> Mesh:
+        return mesh.with_vertices(placement.to_raw(mesh.vertices))
+
+    cage = Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in found.parts})
+    boxes = {
+        name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
+    }
+    solids = {part.name: as_given(part.mesh) for part in found.parts}
+    model = Model.of(as_given(union([part.mesh for part in found.parts])), solids, boxes)
+    with new_folder(out) as folder:
+        write_model(folder / f"{raw.shape_id}.glb", model)
+        text = written_json(as_written(found, placement))
+        (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
+    counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
+    print(json.dumps({"out": str(out), **counts}, ensure_ascii=False))
 
 
 def sdf(source: Path, points: Path, out: Path, /) -> None:
@@ -71,43 +121,36 @@ def sdf(source: Path, points: Path, out: Path, /) -> None:
     """
     import numpy as np
 
-    from cagesdf.errors import ShapeRejected
-    from cagesdf.formats.listing import find_shape, read_shape
-    from cagesdf.importing import import_shape, repair_report, signed_distances
+    from cagesdf.api.sources import check_points, imported
+    from cagesdf.importing import repair_report, signed_distances
 
     if out.suffix.lower() != ".npy" or out.resolve() == points.resolve():
         raise InputError(f"{out}: wanted a name that ends in .npy, and not that of the points")
     check_folder(out)
     places = _read_points(points)
-    try:
-        shape = import_shape(read_shape(find_shape(source)), **IMPORT)
-    except ShapeRejected as error:
-        raise InputError(f"{source}: rejected: {error.reason}") from error
-    _check_precision(points, places, shape)
+    shape = imported(source, "given")
+    with _named(points):
+        check_points(places, shape)
     distances = signed_distances(shape, places.astype(np.float64)).astype(np.float32)
     with replacing(out) as partial, partial.open("wb") as stream:
         np.save(stream, distances)
     print(json.dumps({**repair_report(shape), "points": len(distances), "points_inside": int((distances < 0).sum())}))
 
 
-def _check_precision(path: Path, points: "Float[ndarray, 'n 3']", shape: "Shape") -> None:
-    """Raise InputError for float32 points of a shape that is too far from the origin for them."""
-    import numpy as np
-
-    from cagesdf.io.exports import FAR
-
-    radius = 1 / shape.similarity.scale
-    reach = float(np.abs(shape.similarity.to_raw(np.zeros((1, 3)))).max())
-    if points.dtype.itemsize < 8 and reach > FAR * radius:
-        raise InputError(
-            f"{path}: holds {points.dtype}, which is {np.spacing(points.dtype.type(reach)):.2g} apart where the shape "
-            f"is, {reach:,.0f} from the origin; wanted float64"
-        )
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Name the file of what is refused inside."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
     """The points of a .npy file. Raises InputError for anything else."""
     import numpy as np
+
+    from cagesdf.api.sources import check_points
 
     wanted = f"wanted a .npy file of at most {MAX_POINTS:,} rows x, y, z, finite floating-point numbers"
     if not path.is_file():
@@ -119,9 +162,8 @@ def _read_points(path: Path) -> "Float[ndarray, 'n 3']":
         raise InputError(f"{path}: can't be read ({error}); {wanted}") from error
     if not isinstance(stored, np.ndarray):
         raise InputError(f"{path}: holds several arrays; {wanted}")
-    if stored.dtype.kind != "f" or stored.ndim != 2 or stored.shape[1] != 3 or len(stored) > MAX_POINTS:
+    if stored.size > 3 * MAX_POINTS:
         raise InputError(f"{path}: holds {stored.dtype} of shape {stored.shape}; {wanted}")
-    points = np.array(stored)
-    if not (finite := np.isfinite(points).all(1)).all():
-        raise InputError(f"{path}: row {int(finite.argmin())} is {points[finite.argmin()].tolist()}; {wanted}")
-    return points
+    with _named(path):
+        check_points(stored)
+    return np.array(stored)

@@ -7,13 +7,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from cagesdf.cli.files import check_folder, replacing
 from cagesdf.errors import InputError
+from cagesdf.io.files import check_folder, replacing
 
 if TYPE_CHECKING:
-    from cagesdf.editing.state import State
-
-LEAST = 8  # cells
+    from cagesdf.api.shapes import EditableShape
 
 
 def extract(
@@ -55,8 +53,8 @@ def extract(
     cuboids
         A file of these kinds for the cuboids alone.
     """
-    work = _Work(run, out, cuboids, resolution, method=method, symmetry=symmetry, loose=loose)
-    work.write(work.session.opened(shape_id, step))
+    work = _Work(run, out, cuboids, resolution, symmetry, method=method, loose=loose)
+    work.write(work.run.open(shape_id, step))
 
 
 def edit(
@@ -94,11 +92,11 @@ def edit(
     from cagesdf.text import read_text
 
     operations = parse(read_text(script, MAX_BYTES))
-    work = _Work(run, out, cuboids, resolution, symmetry=symmetry)
-    state = work.session.opened(shape_id)
+    work = _Work(run, out, cuboids, resolution, symmetry)
+    shape = work.run.open(shape_id)
     with work.timed("edit"):
-        state = work.session.edited(state, operations).present
-    work.write(state)
+        shape.edit(operations)
+    work.write(shape)
 
 
 def swap(
@@ -131,11 +129,8 @@ def swap(
     cuboids
         A file of these kinds for the cuboids alone.
     """
-    from cagesdf.editing.script import Swap
-
-    work = _Work(run, out, cuboids, resolution, symmetry=symmetry)
-    state = work.session.opened(cuboids_of)
-    work.write(work.session.edited(state, (Swap(style_of=style_of),)).present)
+    work = _Work(run, out, cuboids, resolution, symmetry)
+    work.write(work.run.open(cuboids_of).swap(style_of))
 
 
 def mix(
@@ -169,51 +164,39 @@ def mix(
     cuboids
         A file of these kinds for the cuboids alone.
     """
-    from cagesdf.editing.script import Mix, refusing
-
-    script = []
-    for text in parts:
-        part, _, style_of = text.rpartition("=")
-        if not part or not style_of:
-            raise InputError(f"{text!r}: wanted PART=SHAPE, such as 'leg_*=chair_0007'")
-        with refusing():
-            script.append(Mix(part=part, style_of=style_of))
-    work = _Work(run, out, cuboids, resolution, symmetry=symmetry)
-    state = work.session.opened(cuboids_of)
-    work.write(work.session.edited(state, tuple(script)).present)
+    pairs = [text.rpartition("=") for text in parts]
+    if wrong := next((text for text, (part, _, style_of) in zip(parts, pairs) if not part or not style_of), None):
+        raise InputError(f"{wrong!r}: wanted PART=SHAPE, such as 'leg_*=chair_0007'")
+    work = _Work(run, out, cuboids, resolution, symmetry)
+    shape = work.run.open(cuboids_of)
+    for part, _, style_of in pairs:
+        shape.mix(part, style_of)
+    work.write(shape)
 
 
 class _Work:
     """One command's way from a run to a file: what it took, and what was checked."""
 
     def __init__(
-        self,
-        run: Path,
-        out: Path,
-        cuboids: Path | None,
-        resolution: int,
-        symmetry: str,
-        method: str = "sparse",
-        loose: str = "keep",
+        self, run: Path, out: Path, cuboids: Path | None, resolution: int, symmetry: str, **choices: str
     ) -> None:
         """Choices are extraction's, by name. Raises InputError before anything is done in vain."""
         from cagesdf.io.exports import check_name
 
-        if resolution < LEAST:
-            raise InputError(f"--resolution {resolution}: wanted at least {LEAST} cells; 128 is usual, 256 is fine")
         for path in (out, *([cuboids] if cuboids else [])):
             check_name(path)
             check_folder(path)
         if cuboids is not None and cuboids.resolve() == out.resolve():
             raise InputError(f"--cuboids {cuboids}: is the surface's file; name another one")
-        self.out, self.cuboids = out, cuboids
+        self.out, self.cuboids, self.resolution = out, cuboids, resolution
+        self.choices = {"symmetry": symmetry, **choices}
         self.seconds: dict[str, float] = {}
         with self.timed("read"):
-            from cagesdf.editing.session import Session
-            from cagesdf.io.runs import read_run
+            from cagesdf.api.runs import load_run
+            from cagesdf.api.shapes import check_resolution
 
-            self.session = Session(read_run(run))
-            self.live = self.session.live(resolution, method, loose, symmetry)
+            check_resolution(resolution)
+            self.run = load_run(run)
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
@@ -222,31 +205,26 @@ class _Work:
         yield
         self.seconds[what] = round(time.perf_counter() - start, 4)
 
-    def write(self, state: "State") -> None:
-        """Extract a state's surface, check it, write it and print the line."""
-        from cagesdf.editing.session import model_of
+    def write(self, shape: "EditableShape") -> None:
+        """Extract a shape's surface, check it, write it and print the line."""
         from cagesdf.io.exports import write_boxes, write_model
-        from cagesdf.meshes import is_closed, signed_volume
+        from cagesdf.meshes import signed_volume
 
         with self.timed("extract"):
-            found = self.live.surface(state)
+            found = shape.extract(self.resolution, **self.choices)
         with self.timed("place"):
-            model = model_of(found, state)
-        surface = model.surface
-        if not is_closed(surface) or signed_volume(surface) <= 0:
-            given = "a surface that isn't closed" if len(surface.faces) else "no surface at all"
-            raise InputError(f"the network gives {given}, nothing was written; train longer or raise --resolution")
+            model = shape.model(found)
         with self.timed("write"), ExitStack() as files:
             write_model(files.enter_context(replacing(self.out)), model)
             if self.cuboids is not None:
                 write_boxes(files.enter_context(replacing(self.cuboids)), model)
         told = {
             "out": str(self.out),
-            "vertices": len(surface.vertices),
-            "faces": len(surface.faces),
+            "vertices": len(model.surface.vertices),
+            "faces": len(model.surface.faces),
             "evaluations": found.asked,
             "closed": True,
-            "volume": signed_volume(surface),
+            "volume": signed_volume(model.surface),
             "components": found.components,
             "dropped": found.dropped,
             "clipped": round(found.clipped, 6),

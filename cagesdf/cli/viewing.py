@@ -3,10 +3,9 @@
 import time
 from pathlib import Path
 
-from cagesdf.cli.fitting import imported, settings_of
+from cagesdf.cli.machine import workers
+from cagesdf.demo import DEMO
 from cagesdf.errors import InputError
-
-DEMO = Path(__file__).parent.parent / "demo"  # a run and its generator, trained by this project
 
 
 def view(
@@ -48,13 +47,14 @@ def view(
         programs = programs or DEMO / "programs"
     import torch
 
+    from cagesdf.api.sources import imported
+    from cagesdf.inference import usual_settings
     from cagesdf.viewing.opening import opened
     from cagesdf.viewing.server import free_port, serving
-    from pipeline.executor import workers
 
     port = free_port(host, port)
     torch.set_num_threads(1)
-    with serving(opened(folder, shape, programs, shapes, imported, settings_of()), host, port, workers()) as editor:
+    with serving(opened(folder, shape, programs, shapes, imported, usual_settings()), host, port, workers()) as editor:
         print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)
         while True:
             time.sleep(3600)

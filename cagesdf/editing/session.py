@@ -67,10 +67,14 @@ class Session:
         )
 
     def edited(self, state: State, script: Script) -> History:
-        """What a script leads to. Raises InputError as `operations.edited`, and for an arm that knows no cuboids."""
+        """What a script leads to. Raises InputError as `operations.edited` and `check_editable`."""
+        self.check_editable()
+        return edited(state, script, self.styles)
+
+    def check_editable(self) -> None:
+        """Raise InputError for an arm that knows no cuboids."""
         if self.run.decoder.trains_on == "cube":
             raise InputError("this arm was trained without cuboids: there is nothing to edit; take one such as cagesdf")
-        return edited(state, script, self.styles)
 
     def live(
         self,

@@ -146,4 +146,5 @@ def definitions(points: int, detail: float, seed: int) -> dict[str, Any]:
         "detail": detail,
         "seed": seed,
         "box_warp": "the truth by construction of sequences, local and beyond; a reference for swap and bent",
+        "keep_warp": "a reference for swap: parts warped so that details keep their size in the files' unit",
     }

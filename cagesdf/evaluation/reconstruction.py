@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import deform_shape, follow_own_cuboids
+from cagesdf.deformation import Transfer
 from cagesdf.distance import SurfaceDistance
 from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface, topology
 from cagesdf.shape import Shape
@@ -87,16 +87,14 @@ class Truth(Measured):
         return Drawn(points, normals, self.is_detail(points))
 
     @staticmethod
-    def of(shape: Shape, sequence: Sequence, step: int, detail: float) -> "Truth":
+    def of(shape: Shape, sequence: Sequence, step: int, detail: float, transfer: Transfer) -> "Truth":
         """The union of a shape's parts after they have followed its sequence to `step`."""
-        cage = sequence.cages[step]
-        return Truth(union(deform_shape(shape, sequence.cages[0], cage)), cage, detail)
+        return Truth(union(transfer.parts(shape, sequence, step)), sequence.cages[step], detail)
 
     @staticmethod
-    def own(shape: Shape, sequence: Sequence, step: int, detail: float) -> "Truth":
+    def own(shape: Shape, sequence: Sequence, step: int, detail: float, transfer: Transfer) -> "Truth":
         """The same of parts that have each followed its own cuboid alone."""
-        cage = sequence.cages[step]
-        return Truth(union(follow_own_cuboids(shape, sequence.cages[0], cage)), cage, detail)
+        return Truth(union(transfer.own_parts(shape, sequence, step)), sequence.cages[step], detail)
 
     def is_detail(self, points: Float[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
         """Whether points of the true surface are detail."""

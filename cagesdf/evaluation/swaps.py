@@ -5,15 +5,16 @@ size. They are made into the cuboids that the network is given. These may be tur
 axis against the recipe's own, because nothing about such a part says how its cuboid should lie.
 """
 
-from collections.abc import Container, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import aligned_cage, deform_shape
+from cagesdf.deformation import aligned_cage, deform_shape, keep_details
 from cagesdf.distance import SurfaceDistance
 from cagesdf.evaluation.trials import Trial, trial_of
 from cagesdf.meshes import Mesh, join
@@ -108,9 +109,21 @@ def box_warp(styled: Shape, rest: Cage, shape: Shape, moved: Cage) -> tuple[list
 
     Second comes for each the part of `shape` whose cuboid it is in.
     """
+    return _warped(styled, rest, shape, moved, deform_shape)
+
+
+def keep_warp(styled: Shape, rest: Cage, shape: Shape, moved: Cage) -> tuple[list[Mesh], list[str]]:
+    """The same as `box_warp`, but details keep their size, in the unit of the shapes' files."""
+    detail = shape.similarity.scale / styled.similarity.scale
+    return _warped(styled, rest, shape, moved, partial(keep_details, detail=detail))
+
+
+def _warped(
+    styled: Shape, rest: Cage, shape: Shape, moved: Cage, deform: Callable[[Shape, Cage, Cage], list[Mesh]]
+) -> tuple[list[Mesh], list[str]]:
     partners = {node: part_id for part_id, node in nodes_of(shape).items()}
     pairs = {part_id: partners[node] for part_id, node in nodes_of(styled).items()}
-    meshes = deform_shape(styled, rest, aligned_cage(rest, moved, tuple(pairs.items())))
+    meshes = deform(styled, rest, aligned_cage(rest, moved, tuple(pairs.items())))
     return meshes, [pairs[part.part_id] for part in styled.parts]
 
 

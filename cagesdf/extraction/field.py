@@ -1,6 +1,6 @@
 """A decoder with a cage and the codes of its parts."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -11,14 +11,12 @@ from torch import Tensor
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.extraction.lattice import Lattice
-from cagesdf.frames import HALF_EXTENT, OUTSIDE
+from cagesdf.frames import HALF_EXTENT
 from cagesdf.models.codes import part_codes
-from cagesdf.models.decoders import Decoder, TrainsOn
+from cagesdf.models.decoders import Decoder
 
 GROUP = 960  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
 ROWS = 96  # numbers of points are rounded up to this: libraries compute what is left over of their blocks otherwise
-# Of values beyond this, in the decoder's unit, only the sign counts: there networks haven't learnt distances.
-REACH: Mapping[TrainsOn, float] = {"part": 0.5, "cage": OUTSIDE, "cube": OUTSIDE}
 # Where decoders are asked that don't know cuboids.
 CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
 
@@ -41,7 +39,7 @@ class CageField:
     @torch.inference_mode()
     def reach(self, cuboid: int) -> float:
         """The largest value in cuboid number `cuboid`, canonical units: beyond it only the sign counts."""
-        return REACH[self.decoder.trains_on] * float(self.decoder.unit(self._vector(cuboid)))
+        return self.decoder.trusted * float(self.decoder.unit(self._vector(cuboid)))
 
     @torch.inference_mode()
     def ask(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:

@@ -7,7 +7,8 @@ A category folder may mix
     <shape>.<suffix>                      a mesh file a shape, a part in each group or scene node
 
 with MESH_SUFFIXES, each with a ShapeAssembly program in <anything>_programs/<shape>.txt if there is one: then its
-leaves are the shape's parts, whatever the other files call parts. A shape's id is the name of its folder or file, as
+leaves are the shape's parts, whatever the other files call parts. `<shape>.parts.json` beside a shape, if there is one,
+has parts that its user wrote down. A shape's id is the name of its folder or file, as
 `splits.composed` spells it; hierarchies and programs are found by exactly this name.
 
 `train.txt` and `val.txt`, in the folder itself or else in those of hierarchies, as StructureNet has them, say which
@@ -19,7 +20,7 @@ files and those of JUNK, which operating systems leave, are passed over.
 
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from cagesdf.formats.parts_folder import MESH_SUFFIXES, part_files, read_parts_f
 from cagesdf.formats.shapeassembly import read_assembly
 from cagesdf.formats.splits import TRAIN, VAL, composed, several, splits
 from cagesdf.meshes import Mesh
+from cagesdf.parts.written import SUFFIX, read_written
 from cagesdf.shape import RawShape
 
 JUNK = {"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "@eadir", "lost+found"}
@@ -53,6 +55,7 @@ class ShapeSource:
     path: Path  # its folder or file
     hierarchy: Path | None  # StructureNet's JSON
     program: Path | None  # ShapeAssembly's text
+    written: Path | None = None  # parts that a user wrote down
     rivals: tuple[Path, ...] = ()  # others of the same id: if there are any, none is read
 
 
@@ -83,6 +86,7 @@ class _Entries:
     unnamed: list[str] = field(default_factory=list)  # names that are no text
     closed: list[str] = field(default_factory=list)  # folders that can't be opened, and why
     misnamed: list[str] = field(default_factory=list)  # folders of hierarchies or programs with meshes
+    written: list[str] = field(default_factory=list)  # files with parts of shapes
     others: list[str] = field(default_factory=list)  # files
 
     def notes(self) -> Iterator[str]:
@@ -100,6 +104,9 @@ class _Entries:
                 f"no shapes, as folders of hierarchies or programs end like them: {several(self.misnamed)}; "
                 "rename those whose meshes are a shape"
             )
+        ids = {f"{shape_id}{SUFFIX}" for shape_id, _ in self.shapes}
+        if alone := [name for name in self.written if name not in ids]:
+            yield f"parts of no shape, as none is called like these: {several(alone)}"
         if self.others:
             yield f"no shapes: {several(self.others)}"
 
@@ -138,7 +145,15 @@ def list_shapes(folder: Path, include: str) -> Listing:
         if files and not files.keys() & places.keys():
             notes.append(f"none of the {len(files):,} {kind} is called like a shape: {several(sorted(files))}")
     sources = [
-        ShapeSource(shape_id, split[shape_id], path, hierarchies.get(shape_id), programs.get(shape_id), tuple(rivals))
+        ShapeSource(
+            shape_id,
+            split[shape_id],
+            path,
+            hierarchies.get(shape_id),
+            programs.get(shape_id),
+            _written(path),
+            tuple(rivals),
+        )
         for shape_id in shapes
         for path, *rivals in [places[shape_id]]
     ]
@@ -162,11 +177,11 @@ def find_shape(path: Path) -> ShapeSource:
     """
     wanted = f"wanted one {', '.join(MESH_SUFFIXES)} file, or a folder of them"
     if path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
-        return ShapeSource(composed(path.stem), "train", path, None, None)
+        return ShapeSource(composed(path.stem), "train", path, None, None, _written(path))
     if not path.is_dir():
         raise InputError(f"{path}: {'is no mesh' if path.exists() else 'no such file or folder'}; {wanted}")
     if _holds_shape(path):
-        return ShapeSource(composed(path.resolve().name), "train", path, None, None)
+        return ShapeSource(composed(path.resolve().name), "train", path, None, None, _written(path.resolve()))
     shapes = [shape_id for shape_id, _ in _entries(path, "*").shapes]
     if shapes:
         raise InputError(f"{path}: holds {len(shapes):,} shapes, such as {shapes[0]}; name one")
@@ -180,11 +195,19 @@ def read_shape(source: ShapeSource) -> RawShape:
         reason = f"{source.path.parent}: {ambiguity(names, source.shape_id)}"
         raise ShapeRejected(source.shape_id, "import_shapes", reason)
     try:
+        if source.written is not None:
+            return replace(_read_parts(source), written=read_written(source.written))
         if source.program is None:
             return _read_parts(source)
         return read_assembly(source.program, source.shape_id, source.split, *_read_candidates(source))
     except InputError as error:
         raise ShapeRejected(source.shape_id, "import_shapes", str(error)) from error
+
+
+def _written(path: Path) -> Path | None:
+    """The file with a shape's parts beside its mesh or folder, if there is one."""
+    written = path.with_name((path.name if path.is_dir() else path.stem) + SUFFIX)
+    return written if written.is_file() else None
 
 
 def _read_parts(source: ShapeSource) -> RawShape:
@@ -222,6 +245,8 @@ def _entries(folder: Path, fits: str) -> _Entries:
             entries.lists[name.casefold()].append(path)
         elif path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
             entries.shapes.append((composed(path.stem), path))
+        elif name.endswith(SUFFIX) and path.is_file():
+            entries.written.append(name)
         elif _fits(composed(path.stem), fits):
             (entries.foreign if path.suffix.lower() in FOREIGN else entries.others).append(name)
     return entries

@@ -7,6 +7,7 @@ structure is flat; labels are the letters in the parts' names ("left_leg_2" is "
 import os
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from cagesdf.errors import InputError
@@ -43,7 +44,7 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     if twice is not None:
         rivals = [path.name for path, name in zip(files, names) if name == twice]
         raise InputError(f"{folder}: {ambiguity(rivals, twice)}")
-    return _flat(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
+    return flat_shape(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
@@ -56,7 +57,7 @@ def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
     if not parts:
         raise InputError(f"{path}: has no faces; wanted a part in each of its groups or nodes")
     ids = distinct_names(name for name, _ in parts)
-    return _flat(shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True)))
+    return replace(flat_shape(shape_id, split, list(zip(ids, (mesh for _, mesh in parts), strict=True))), whole=True)
 
 
 def _natural(path: Path) -> tuple[list[str | int], str]:
@@ -64,7 +65,8 @@ def _natural(path: Path) -> tuple[list[str | int], str]:
     return [int(piece) if piece.isdecimal() else piece for piece in re.split(r"(\d+)", path.stem)], path.name
 
 
-def _flat(shape_id: str, split: str, named: list[tuple[str, Mesh]]) -> RawShape:
+def flat_shape(shape_id: str, split: str, named: list[tuple[str, Mesh]]) -> RawShape:
+    """A shape of parts by distinct names, of which nothing tells how they belong together."""
     names = tuple(name for name, _ in named)
     labels = tuple(map(_label, names))
     parts = tuple(RawPart(name, label, mesh) for (name, mesh), label in zip(named, labels))

@@ -168,6 +168,12 @@ def read_run(folder: Path, device: torch.device | str = "cpu") -> Run:
     )
 
 
+def beside(run: Path, kind: str) -> Path:
+    """data/<kind>/chair for the run data/runs/chair/cagesdf."""
+    place = run.resolve()
+    return place.parent.parent.parent / kind / place.parent.name
+
+
 def snapshots_of(folder: Path) -> tuple[int, ...]:
     """The numbers of steps after which a run has snapshots, ascending."""
     return tuple(sorted(int(path.stem) for path in (folder / SNAPSHOTS).glob("*.safetensors")))
@@ -187,7 +193,9 @@ def read_snapshot(folder: Path, steps: int, device: torch.device | str = "cpu") 
 
 def _read_arm(path: Path) -> dict[str, Any]:
     if not path.is_file():
-        raise InputError(f"{path}: no such file; wanted a folder that the train stage wrote")
+        wrong = f"isn't a run: it has no {path.name}" if path.parent.is_dir() else "no such folder"
+        wanted = "wanted a run, a folder that the train stage wrote, such as data/runs/chair/cagesdf"
+        raise InputError(f"{path.parent}: {wrong}; {wanted}")
     arm = read_description(path)
     if arm.get("kind") != KIND or arm.get("version") != VERSION:
         got = f"{arm.get('kind')!s:.60} version {arm.get('version')!s:.60}"

@@ -1,4 +1,8 @@
-"""`sequences/`: the cages of every step, one row a (shape, step, part)."""
+"""`sequences/`: the cages of every step, and how surfaces follow them.
+
+sequences.parquet  one row a (shape, step, part)
+warps.parquet      the same, only where surfaces don't follow their cuboids alone
+"""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -8,7 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from cagesdf.cuboid import Cage, Sequence
+from cagesdf.deformation import KeptDetails, Transfer, Trilinear
 from cagesdf.io.metadata import Column, Layout
+from cagesdf.resizing import AxisWarp
 
 KIND = "sequences"
 SEQUENCES = Layout(
@@ -28,6 +34,18 @@ SEQUENCES = Layout(
 )
 CAGES = Layout("cages", 1, SEQUENCES.columns[:-1], SEQUENCES.facts)  # the columns that a run stores
 
+WARPS = Layout(
+    "warps",
+    1,
+    (
+        Column("shape_id", pa.string(), "the source"),
+        Column("step", pa.int32(), "0 is the rest shape"),
+        Column("part_id", pa.string(), "in the structure's order"),
+        Column("knots", pa.list_(pa.float64()), "for each axis: where borders of even bins of [-1/2, 1/2] go"),
+    ),
+    {"frame": "unit"},
+)
+
 
 def write_sequences(folder: Path, sequences: Iterable[Sequence], outside: Mapping[str, np.ndarray]) -> None:
     """Write sequences, and by shape id the (step, part) share of vertices outside their own cuboid."""
@@ -35,6 +53,31 @@ def write_sequences(folder: Path, sequences: Iterable[Sequence], outside: Mappin
     shares = [float(share) for sequence in sequences for share in outside[sequence.shape_id].ravel()]
     rows = zip(sequence_rows(sequences), shares, strict=True)
     SEQUENCES.write(folder / "sequences.parquet", [{**row, "outside": share} for row, share in rows])
+
+
+def write_transfers(folder: Path, sequences: Iterable[Sequence], transfers: Mapping[str, Transfer]) -> None:
+    """Write the warps of sequences by shape id; nothing, not even a file, where there are none."""
+    rows = [
+        {"shape_id": sequence.shape_id, "step": step, "part_id": part_id, "knots": warp.knots.ravel()}
+        for sequence in sorted(sequences, key=lambda sequence: sequence.shape_id)
+        for step, warps in enumerate(transfers[sequence.shape_id].warps)
+        for part_id, warp in zip(sequence.cages[0].part_ids, warps, strict=True)
+    ]
+    if rows:
+        WARPS.write(folder / "warps.parquet", rows)
+
+
+def read_transfers(folder: Path, sequences: Iterable[str]) -> dict[str, Transfer]:
+    """How the surfaces of these sequences follow their cages, by shape id."""
+    path = folder / "warps.parquet"
+    warps: dict[str, dict[int, list[AxisWarp]]] = {}
+    for row in WARPS.read(path) if path.is_file() else []:
+        warp = AxisWarp(np.array(row["knots"]).reshape(3, -1))
+        warps.setdefault(row["shape_id"], {}).setdefault(row["step"], []).append(warp)
+    return {
+        shape_id: KeptDetails(tuple(map(tuple, warps[shape_id].values()))) if shape_id in warps else Trilinear()
+        for shape_id in sequences
+    }
 
 
 def read_sequences(folder: Path) -> dict[str, Sequence]:

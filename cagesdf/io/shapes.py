@@ -3,6 +3,7 @@
 shapes.parquet     one row a shape
 parts.parquet      one row a part, one row group a shape, in the order of shapes.parquet
 alignment.parquet  one row a part of a shape with a program: which meshes it is
+origins.parquet    one row a shape, if parts of any were found: whose parts they are, and why
 """
 
 from collections.abc import Iterable, Iterator
@@ -18,7 +19,7 @@ from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.io.metadata import COMPRESSION, Column, Layout
 from cagesdf.meshes import Mesh
-from cagesdf.shape import AlignedPart, Audit, Part, Repair, Shape
+from cagesdf.shape import GIVEN, AlignedPart, Audit, Origin, Part, Repair, Shape
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure
 
@@ -80,6 +81,18 @@ ALIGNMENT = Layout(
     ),
 )
 
+ORIGINS = Layout(
+    "origins",
+    1,
+    (
+        Column("shape_id", pa.string(), "whose parts these are"),
+        Column("parts", pa.string(), "given by its files, found in its surface, or written in a file beside it"),
+        Column("reason", pa.string(), "why"),
+        Column("components", pa.int32(), "connected solids that parts were found in; 0 where they were given"),
+        Column("boxes", pa.float64(), "volume of all cuboids over the shape's; 0 where parts were given"),
+    ),
+)
+
 
 def write_shapes(folder: Path, shapes: Iterable[Shape]) -> None:
     """Write all shapes, sorted by id."""
@@ -110,6 +123,11 @@ def write_shapes(folder: Path, shapes: Iterable[Shape]) -> None:
         folder / "alignment.parquet",
         [{"shape_id": shape.shape_id, **vars(part)} for shape in shapes for part in shape.alignment],
     )
+
+    if any(shape.origin != GIVEN for shape in shapes):
+        ORIGINS.write(
+            folder / "origins.parquet", [{"shape_id": shape.shape_id, **vars(shape.origin)} for shape in shapes]
+        )
 
 
 def _part_row(shape_id: str, part: Part) -> dict[str, Any]:
@@ -144,6 +162,11 @@ class ShapeFolder:
             shape_id, objs, leftovers = row.pop("shape_id"), tuple(row.pop("objs")), tuple(row.pop("leftovers"))
             by_shape[shape_id] = (*by_shape.get(shape_id, ()), AlignedPart(**row, objs=objs, leftovers=leftovers))
         return by_shape
+
+    @cached_property
+    def _origins(self) -> dict[str, Origin]:
+        path = self.folder / "origins.parquet"
+        return {row.pop("shape_id"): Origin(**row) for row in ORIGINS.read(path)} if path.is_file() else {}
 
     def __getstate__(self) -> dict[str, Any]:
         return {"folder": self.folder}
@@ -198,6 +221,7 @@ class ShapeFolder:
             self.similarity(shape_id),
             self.alignment(shape_id),
             Audit(row["audit_clear"], row["audit_differ"], row["inside"], row["inside_outlier"]),
+            self._origins.get(shape_id, GIVEN),
         )
 
     def __len__(self) -> int:

@@ -7,11 +7,19 @@ import torch
 
 from cagesdf.errors import InputError
 from cagesdf.models.decoders import CageDecoder, Decoder, DeepSdfDecoder
+from cagesdf.models.occupancy import OccupancyDecoder
 from cagesdf.models.triplane import PlainTriplaneDecoder, RelationTriplaneDecoder, TriplaneDecoder
 
 DECODERS: dict[str, type[Decoder]] = {
     decoder.__name__: decoder
-    for decoder in (TriplaneDecoder, PlainTriplaneDecoder, RelationTriplaneDecoder, CageDecoder, DeepSdfDecoder)
+    for decoder in (
+        TriplaneDecoder,
+        PlainTriplaneDecoder,
+        RelationTriplaneDecoder,
+        OccupancyDecoder,
+        CageDecoder,
+        DeepSdfDecoder,
+    )
 }
 
 

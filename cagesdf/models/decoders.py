@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from cagesdf.frames import OUTSIDE
 from cagesdf.models.film import FilmBackbone, modulated
 from cagesdf.models.sines import sine_features
 
@@ -28,6 +29,7 @@ class Decoder(nn.Module, ABC):
     """A network in four steps: the codes of a cage's parts, what groups need once, what is given of points, layers."""
 
     trains_on: ClassVar[TrainsOn]
+    trusted: ClassVar[float] = OUTSIDE  # largest value that is a distance, in the decoder's unit; beyond, a sign alone
     code_dim: int | None = None  # numbers of a part's code where a network makes it; None: it is the latent itself
 
     def codes(
@@ -39,6 +41,20 @@ class Decoder(nn.Module, ABC):
     def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
         """The length that distances are measured in as they are learnt, canonical units: here 1."""
         return torch.ones_like(cuboid[:, 0])
+
+    def errors(
+        self, predicted: Float[Tensor, "g n"], sdf: Float[Tensor, "g n"], cuboid: Float[Tensor, "g 15"], clamp: float
+    ) -> Float[Tensor, "g n"]:
+        """Loss of each point, in the decoder's unit; 0 where prediction and truth agree.
+
+        Here |predicted − sdf|, both canonical. Where `clamp` is not 0, both are clamped to ±`clamp` units first, as in
+        DeepSDF: beyond it only the sign matters.
+        """
+        unit = self.unit(cuboid)[:, None]
+        predicted, sdf = predicted / unit, sdf / unit
+        if clamp:
+            predicted, sdf = predicted.clamp(-clamp, clamp), sdf.clamp(-clamp, clamp)
+        return (predicted - sdf).abs()
 
     @abstractmethod
     def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:

@@ -29,6 +29,7 @@ class TriplaneDecoder(Decoder):
     """Distance to a part's own surface, by its code: planes · MLP, times the cuboid's smallest length."""
 
     trains_on = "part"
+    trusted = 0.5
     context: ClassVar[type[CageTransformer]] = CageTransformer  # what makes the parts' codes
 
     def __init__(

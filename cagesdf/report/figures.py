@@ -115,10 +115,14 @@ METRIC = {metric.key: metric for metric in METRICS}
 
 # In the order they are shown; others follow by name.
 ARMS = {
-    "cagesdf": "cuboid network that also sees each point in its cuboid's frame",
+    "cagesdf": "parts' codes by a transformer over the cage; feature planes in each cuboid's frame",
     "cagesdf_global": "the paper's network: points in the shape's frame only",
+    "cagesdf_keep": "cagesdf, trained on sequences in which details keep their size",
     "cagesdf_noaug": "cagesdf, trained on rest shapes only",
     "cagesdf_global_noaug": "the paper's network, trained on rest shapes only",
+    "cagesdf_plain": "cagesdf, codes of parts that don't see each other",
+    "cagesdf_relations": "cagesdf, attention that knows how cuboids relate",
+    "cagesdf_occupancy": "cagesdf with a logit in place of the distance",
     "deepsdf": "the baseline: one latent code a shape, no cuboids",
     "deepsdf_sine": "the baseline, given sine features of the points",
 }
@@ -129,6 +133,7 @@ REFERENCES = {
 EDIT_REFERENCES = {
     "unchanged": "no network: the shape as it was before the edit",
     "box_warp": "no network: the parts of the style deformed into the cuboids; of sequences this is the truth itself",
+    "keep_warp": "no network: the same, but details of the style keep their size",
     "ground_truth": "the true surface",
 }
 NOT_EDITED = "has no cuboids: an edit leaves its shape as it was, at a gain of 0"

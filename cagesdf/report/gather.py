@@ -8,13 +8,13 @@ import numpy as np
 
 from cagesdf.cuboid import Cage
 from cagesdf.cuboid import Sequence as Deformation
-from cagesdf.deformation import deform_shape
+from cagesdf.deformation import Transfer
 from cagesdf.io.cuboids import read_bounding, read_cages
 from cagesdf.io.edits import read_edit_surface, read_edits
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.rejected import read_rejected
-from cagesdf.io.sequences import read_sequences
+from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import join
@@ -52,6 +52,7 @@ def read_category(
     deformations = read_sequences(sequences)
     arms = {arm: read_surfaces(meshes[arm]) for arm in in_order(meshes)}
     compared = spread(_by_coverage(arms, list(deformations)), count)
+    transfers = read_transfers(sequences, deformations)
     new = opened(generated)
     return Category(
         shapes.name,
@@ -60,8 +61,8 @@ def read_category(
         read_rejected(shapes),
         read_bounding(cuboids),
         fitting(source, read_cages(cuboids), compared),
-        comparison(source, deformations, arms, compared),
-        deformation(source, deformations[_liveliest(deformations, arms)], arms)
+        comparison(source, deformations, transfers, arms, compared),
+        deformation(source, deformations[_liveliest(deformations, arms)], transfers, arms)
         if deformations
         else Grid((), (), (), ()),
         swaps(source, read_trials(trials), edits),
@@ -85,17 +86,21 @@ def fitting(source: ShapeFolder, cages: Mapping[str, Cage], ids: Sequence[str]) 
 
 
 def comparison(
-    source: ShapeFolder, deformations: Mapping[str, Deformation], arms: Mapping[str, SurfaceFolder], ids: Sequence[str]
+    source: ShapeFolder,
+    deformations: Mapping[str, Deformation],
+    transfers: Mapping[str, Transfer],
+    arms: Mapping[str, SurfaceFolder],
+    ids: Sequence[str],
 ) -> Grid:
     """One row a shape: its cuboids, its surface, and what each arm makes of it."""
     rows = []
     for shape_id in ids:
         shape = source.read(shape_id)
-        cage = deformations[shape_id].cages[0]
+        sequence = deformations[shape_id]
         rows.append(
             (
-                Scene(cage=cage, cage_colours=part_colours(shape)),
-                _true_surface(shape, cage, cage),
+                Scene(cage=sequence.cages[0], cage_colours=part_colours(shape)),
+                _true_surface(shape, sequence, transfers[shape_id], 0),
                 *(_reconstruction(surfaces, shape_id, 0) for surfaces in arms.values()),
             )
         )
@@ -103,7 +108,12 @@ def comparison(
     return Grid(columns, (False,) * len(columns), tuple(ids), tuple(rows))
 
 
-def deformation(source: ShapeFolder, sequence: Deformation, arms: Mapping[str, SurfaceFolder]) -> Grid:
+def deformation(
+    source: ShapeFolder,
+    sequence: Deformation,
+    transfers: Mapping[str, Transfer],
+    arms: Mapping[str, SurfaceFolder],
+) -> Grid:
     """One column a step: the cage, the true surface that follows it, and the arms that have any step but the first."""
     shape = source.read(sequence.shape_id)
     colours = part_colours(shape)
@@ -117,7 +127,7 @@ def deformation(source: ShapeFolder, sequence: Deformation, arms: Mapping[str, S
         ("cuboids", "ground truth", *shown),
         (
             tuple(Scene(cage=cage, cage_colours=colours) for cage in sequence.cages),
-            tuple(_true_surface(shape, sequence.cages[0], cage) for cage in sequence.cages),
+            tuple(_true_surface(shape, sequence, transfers[shape.shape_id], step) for step in steps),
             *(tuple(_reconstruction(arms[arm], shape.shape_id, step) for step in steps) for arm in shown),
         ),
     )
@@ -173,8 +183,8 @@ def _liveliest(deformations: Mapping[str, Deformation], arms: Mapping[str, Surfa
     return max(sorted(done or deformations), key=movement)
 
 
-def _true_surface(shape: Shape, rest: Cage, moved: Cage) -> Scene:
-    return Scene((join(deform_shape(shape, rest, moved)),), (CLAY,))
+def _true_surface(shape: Shape, sequence: Deformation, transfer: Transfer, step: int) -> Scene:
+    return Scene((join(transfer.parts(shape, sequence, step)),), (CLAY,))
 
 
 def _reconstruction(surfaces: SurfaceFolder, shape_id: str, step: int) -> Scene | None:

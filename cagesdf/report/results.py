@@ -126,7 +126,8 @@ def gains(tables: Tables) -> str:
         figures = edits[name].get(arm, {}).get(kind)
         return f"{figures['gain']['median']:.2f}".replace("-", "−") if figures else "–"
 
-    arms = [arm for arm in in_order(edits[names[0]]) if "swap" in edits[names[0]][arm]] + ["box_warp"]
+    of_first = edits[names[0]]
+    arms = [arm for arm in [*in_order(of_first), "box_warp", "keep_warp"] if "swap" in of_first.get(arm, {})]
     rows = [[f"`{arm}`", *(gain(name, arm, kind) for name in names for kind in ("warp", "swap"))] for arm in arms]
     return markdown(["", *(title for name in names for title in (f"{name}: warp", "recipe"))], rows)
 

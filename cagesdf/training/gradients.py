@@ -13,7 +13,7 @@ from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch
 from cagesdf.training.free_codes import DRAWN, FreeCodes, code_distance
-from cagesdf.training.losses import distance_errors, shape_mean
+from cagesdf.training.losses import shape_mean
 from cagesdf.training.precision import Precision
 
 SLICE = {"cpu": 32}  # groups whose activations are held at once; elsewhere LARGE
@@ -76,7 +76,7 @@ class Gradients:
         with torch.autocast(cuboid.device.type, torch.bfloat16, enabled=self.products == torch.bfloat16):
             condition = self.decoder.condition(own, cuboid)
         predicted = self.decoder.at(self.decoder.features(groups.points, cuboid), condition, self.products)
-        errors = distance_errors(predicted, groups.sdf, self.decoder.unit(cuboid), self.clamp)
+        errors = self.decoder.errors(predicted, groups.sdf, cuboid, self.clamp)
         l1 = shape_mean(errors, groups.weight)
         l1 = l1 * (weight * len(groups.weight) / len(batch.weight))
         *gradients, to_code = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)

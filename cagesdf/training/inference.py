@@ -14,7 +14,6 @@ from torch import Tensor, nn
 
 from cagesdf.models.decoders import Decoder
 from cagesdf.training.batches import Batch
-from cagesdf.training.losses import distance_errors
 
 BLOCK = 64  # groups that go through the network together where nothing is learnt
 
@@ -120,7 +119,7 @@ class OneShape:
         """|sdf error| of these groups with these codes of the parts, in the decoder's unit, clamped as in training."""
         some = self.groups.take(rows)
         predicted = self.decoder(some.points, codes[some.part], some.cuboid)
-        return distance_errors(predicted, some.sdf, self.decoder.unit(some.cuboid), self.clamp)
+        return self.decoder.errors(predicted, some.sdf, some.cuboid, self.clamp)
 
     def error(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, ""]:
         """Mean of these."""

@@ -60,8 +60,8 @@ def train(
     Several `ranks` call this alike, each with the whole of every batch, of which it takes its share;
     the first one's checkpoint is read and written, and all end with the same bits. A resumed training
     ends with the same bits as one that was never stopped. The log's rows hold
-    the means since the row before: step, loss, l1 (both in the decoder's unit) and the latents'
-    root-mean-square norm. `report` is called with (steps done, loss) at each row, and first
+    the means since the row before: step, loss, l1 (that of `Decoder.errors` alone), both in the decoder's unit, and
+    the latents' root-mean-square norm. `report` is called with (steps done, loss) at each row, and first
     with where it starts from.
 
     Raises InputError when the loss is no longer finite, or has grown tenfold; what was saved before stays.

@@ -4,19 +4,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def distance_errors(
-    predicted: Float[Tensor, "g n"], sdf: Float[Tensor, "g n"], unit: Float[Tensor, " g"], clamp: float
-) -> Float[Tensor, "g n"]:
-    """|predicted − sdf|, both canonical, in the `unit` of each group (`Decoder.unit`).
-
-    Where `clamp` is not 0, both are clamped to ±`clamp` units first, as in DeepSDF: beyond it only the sign matters.
-    """
-    predicted, sdf = predicted / unit[:, None], sdf / unit[:, None]
-    if clamp:
-        predicted, sdf = predicted.clamp(-clamp, clamp), sdf.clamp(-clamp, clamp)
-    return (predicted - sdf).abs()
-
-
 def shape_mean(errors: Float[Tensor, "g n"], weight: Float[Tensor, " g"]) -> Float[Tensor, ""]:
     """Mean over groups of weight × mean error.
 

@@ -11,7 +11,6 @@ from cagesdf.io.points import PointChunks, count_groups, read_groups, shard_path
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch, cuboid_distance, kind_of, training_set
-from cagesdf.training.losses import distance_errors
 
 CHUNKS = 32  # of each shape that are asked at most: 2048 points
 
@@ -26,7 +25,7 @@ def rest_residuals(
 ) -> dict[str, float]:
     """Mean |sdf error| of each shape at rest over points such as it was trained on, decoder's unit; by id, sorted.
 
-    Reads a shard's row group at a time. `reach` is that of `training_chunks`, `clamp` that of `distance_errors`.
+    Reads a shard's row group at a time. `reach` is that of `training_chunks`, `clamp` that of `Decoder.errors`.
     """
     left: dict[str, int] = {}
     totals: dict[str, list[float]] = {}
@@ -63,4 +62,4 @@ def _errors(decoder: Decoder, latents: LatentTable, groups: Batch, clamp: float)
     cages = groups.cages
     codes = decoder.codes(latents(cages.latent), cages.cuboids, cages.present)
     predicted = decoder(groups.points, codes[groups.shape, groups.part], groups.cuboid)
-    return distance_errors(predicted, groups.sdf, decoder.unit(groups.cuboid), clamp).cpu().numpy()
+    return decoder.errors(predicted, groups.sdf, groups.cuboid, clamp).cpu().numpy()

@@ -1,6 +1,5 @@
 """The editor in the browser: drag the cuboids, slide the style, see the surface.
 
-document.py   what is edited: a shape, the script so far and the states that it leads through; no browser, no network
 snapping.py   a cuboid that is dragged near another one comes into contact with it
 styles.py     ways through the space of codes: principal directions, new codes
 worker.py     surfaces in the background: a coarse one while the hand moves, a fine one when it rests

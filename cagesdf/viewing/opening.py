@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.editing.session import Session
-from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.errors import InputError
 from cagesdf.generating import has_cuboids
 from cagesdf.generation.generator import Generator
-from cagesdf.inference import FitSettings, Known, fit_code, prepare
+from cagesdf.inference import FitSettings, Known, fit_shape
 from cagesdf.io.generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import Run, beside, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import Shape
@@ -50,23 +50,13 @@ def opened(
 
 
 def _taken(run: Run, known: Known, shape: Shape, settings: FitSettings) -> Taken:
-    try:
-        prepared = prepare(run, shape, settings, np.random.default_rng(0))
-    except ShapeRejected as error:
-        raise InputError(error.reason) from error
-    fit = fit_code(run, known, prepared, settings.inference, 0)
-    structure = shape.structure.with_cuboids(prepared.fitted.cage.cuboids())
+    fit = fit_shape(run, known, shape, settings, 0)
+    structure = shape.structure.with_cuboids(fit.prepared.fitted.cage.cuboids())
     return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, str(fit.verdict))
 
 
-def _beside(run: Path, kind: str) -> Path:
-    """data/<kind>/chair of data/runs/chair/cagesdf."""
-    there = run.resolve()
-    return there.parent.parent.parent / kind / there.parent.name
-
-
 def _generator(run: Path, programs: Path | None) -> Generator | None:
-    folder = programs or _beside(run, "programs")
+    folder = programs or beside(run, "programs")
     if programs is None and not (folder / GENERATOR).is_file():
         return None
     return read_generator(folder).generator
@@ -88,7 +78,7 @@ def _nothing(shape_id: str) -> Mesh | None:
 
 
 def _truths(run: Path, shapes: Path | None) -> Truths:
-    folder = shapes or _beside(run, "shapes")
+    folder = shapes or beside(run, "shapes")
     if shapes is None and not (folder / "shapes.parquet").is_file():
         return _nothing
     return _Truths(read_shapes(folder))

@@ -16,6 +16,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation as Turn
 
 from cagesdf.cuboid import Cage
+from cagesdf.editing.document import Document
 from cagesdf.editing.operations import SMALLEST
 from cagesdf.editing.parts import parameters, part_names, select
 from cagesdf.editing.script import (
@@ -47,7 +48,6 @@ from cagesdf.meshes import Mesh
 from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
-from cagesdf.viewing.document import Document
 from cagesdf.viewing.panel import NOTHING, Actions, Panel
 from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
@@ -463,9 +463,8 @@ class Tab:
 
     def _load(self, name: str, content: bytes) -> None:
         script = files.script_of(name, content)
-        shape_id, styles = self._document.shape_id, self._opened.session.styles
-        self._become(Document.replayed(shape_id, self._document.reset().state, script, styles))
-        self._say(f"{name}: {len(script)} operations on {shape_id}")
+        self._become(self._document.reset().continued(script, self._opened.session.styles))
+        self._say(f"{name}: {len(script)} operations on {self._document.shape_id}")
 
     def _export(self, ending: str) -> None:
         content = files.exported(self._fine(), self._document.state, ending)

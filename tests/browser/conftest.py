@@ -16,8 +16,9 @@ import torch
 from playwright.sync_api import Browser, sync_playwright
 
 from browser.page import PATIENCE, EditorPage
-from cagesdf.cli.fitting import imported, settings_of
-from cagesdf.cli.viewing import DEMO
+from cagesdf.api.sources import imported
+from cagesdf.demo import DEMO
+from cagesdf.inference import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
 
@@ -65,7 +66,7 @@ def editor() -> Iterator[Editor]:
     """The demo, at an address of its own."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, settings_of())
+    demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
     with serving(demo, "127.0.0.1", 0, 2) as running:
         yield running
     torch.set_num_threads(threads)

@@ -11,8 +11,8 @@ import trimesh
 
 from browser.page import Camera, EditorPage
 from cagesdf.cli.surfaces import edit, mix
-from cagesdf.cli.viewing import DEMO
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.demo import DEMO
 from cagesdf.editing.links import mirrors
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.session import Session

@@ -6,14 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from untrained import untrained
 
-from cagesdf.cli.fitting import imported, settings_of
-from cagesdf.cli.viewing import DEMO
+from cagesdf.api.sources import imported
+from cagesdf.demo import DEMO
+from cagesdf.editing.document import Document
 from cagesdf.editing.script import MAX_OPERATIONS, Move, Redo, Resize, Style, Swap, Undo, dump, parse
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
+from cagesdf.inference import usual_settings
 from cagesdf.meshes import is_closed
 from cagesdf.viewing import opening
-from cagesdf.viewing.document import Document
 
 MOVES = (
     Move(part="arm_1", by=(0.02, 0.0, 0.01)),
@@ -47,7 +48,7 @@ def test_the_saved_script_gives_the_same_state_to_the_last_bit(operations: list)
             document = document.then(operation, session.styles)
         except InputError:
             continue  # nothing to take back: the document is the one from before
-    again = Document.replayed("a", session.opened("a"), parse(dump(document.script)), session.styles)
+    again = opened(session).continued(parse(dump(document.script)), session.styles)
     same(document, again)
     same(document.reset(), opened(session))
     assert document.reset().script == ()
@@ -80,7 +81,7 @@ def test_what_can_t_be_done_leaves_the_document_as_it_was(session: Session) -> N
         document.then(Style(code=(0.0,)), session.styles)
     assert document.script == ()
     with pytest.raises(InputError, match="operation 1: move"):
-        Document.replayed("a", document.state, (MOVES[2], Move(part="wing", by=(0.0, 0.0, 0.0))), session.styles)
+        document.continued((MOVES[2], Move(part="wing", by=(0.0, 0.0, 0.0))), session.styles)
 
 
 def test_a_script_ends_where_files_end(session: Session) -> None:
@@ -90,7 +91,7 @@ def test_a_script_ends_where_files_end(session: Session) -> None:
 
 
 def test_the_demo_opens_and_gives_a_closed_surface_and_is_small() -> None:
-    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None, imported, settings_of())
+    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
     assert is_closed(opened.session.live(48).surface(opened.session.opened(opened.first)).mesh)
     assert opened.generator is not None
     assert sum(path.stat().st_size for path in DEMO.rglob("*") if "__pycache__" not in path.parts) <= 4_000_000

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cagesdf.editing.operations import apply, edited
+from cagesdf.editing.operations import apply
 from cagesdf.editing.script import MAX_OPERATIONS, Operation, Redo, Script, Undo
 from cagesdf.editing.state import History, State
 from cagesdf.editing.styles import Styles
@@ -23,15 +23,6 @@ class Document:
         """A shape that nothing was done to."""
         return Document(shape_id, (), History.of(state), None)
 
-    @staticmethod
-    def replayed(shape_id: str, state: State, script: Script, styles: Styles) -> "Document":
-        """What a script leads to. Raises InputError as `operations.edited` does, and then nothing is done."""
-        edited(state, script, styles)  # names the operation that fails
-        document = Document.opened(shape_id, state)
-        for operation in script:
-            document = document.then(operation, styles)
-        return document
-
     @property
     def state(self) -> State:
         """Where the script leads."""
@@ -42,6 +33,16 @@ class Document:
         if len(self.script) == MAX_OPERATIONS:
             raise InputError(f"the script has {MAX_OPERATIONS:,} operations, the most there may be; save it and reset")
         return Document(self.shape_id, (*self.script, operation), apply(self.history, operation, styles), self)
+
+    def continued(self, script: Script, styles: Styles) -> "Document":
+        """All operations of a script more. Raises InputError that names the place of one that can't be done."""
+        document = self
+        for i, operation in enumerate(script):
+            try:
+                document = document.then(operation, styles)
+            except InputError as error:
+                raise InputError(f"script: operation {i}: {operation.op}: {error}") from error
+        return document
 
     def instead(self, operation: Operation, styles: Styles) -> "Document":
         """The same with another last operation: a slider that goes on being moved is one operation, not hundreds."""

@@ -1,0 +1,9 @@
+from cagesdf.api.runs import TrainedRun as TrainedRun
+from cagesdf.api.runs import load_run as load_run
+from cagesdf.api.shapes import EditableShape as EditableShape
+from cagesdf.api.shapes import FittedShape as FittedShape
+from cagesdf.api.sources import ShapeCheck as ShapeCheck
+from cagesdf.api.sources import check as check
+from cagesdf.api.sources import signed_distance as signed_distance
+from cagesdf.errors import InputError as InputError
+from cagesdf.errors import ShapeRejected as ShapeRejected

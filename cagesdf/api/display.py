@@ -1,0 +1,57 @@
+"""Shapes in a notebook: a picture, and a table of the cuboids."""
+
+import base64
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+
+from PIL import Image
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.meshes import Mesh
+from cagesdf.rendering import CLAY, PART_COLOURS, Scene, render_rows, side_by_side
+
+PREVIEW = 64  # cells of the surface in a picture
+SIDE = 240  # pixels
+SHOWN = 8  # shapes of a run that are drawn
+COLUMNS = 4  # pictures in a row
+
+
+def shape_html(title: str, cage: Cage, cuboids: Mapping[str, Cuboid], surface: Mesh) -> str:
+    """A picture of a cage and its surface, both canonical, and a table of the cuboids in the files' frame and unit."""
+    scenes = [_cage_scene(cage), Scene((surface,), (CLAY,))] if len(cage) else [Scene((surface,), (CLAY,))]
+    rows = [(name, _numbers(cuboid.centre), _numbers(cuboid.size)) for name, cuboid in cuboids.items()]
+    return _page(title, scenes, ("part", "centre x, y, z", "lengths x, y, z"), rows)
+
+
+def run_html(title: str, cages: Mapping[str, Cage]) -> str:
+    """Pictures of a run's first shapes, canonical, and a table of all."""
+    scenes = [_cage_scene(cage) for cage in [*cages.values()][:SHOWN] if len(cage)]
+    rows = [(shape_id, str(len(cage))) for shape_id, cage in cages.items()]
+    return _page(title, scenes, ("shape", "parts"), rows)
+
+
+def _cage_scene(cage: Cage) -> Scene:
+    return Scene(cage=cage, cage_colours=tuple(PART_COLOURS[i % len(PART_COLOURS)] for i in range(len(cage))))
+
+
+def _numbers(numbers: Iterable[float]) -> str:
+    return ", ".join(f"{number:.4g}" for number in numbers)
+
+
+def _page(title: str, scenes: Sequence[Scene], head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    table = [f"<tr>{_cells('th', head)}</tr>", *(f"<tr>{_cells('td', row)}</tr>" for row in rows)]
+    return f"<p><b>{escape(title)}</b></p>{_picture(scenes)}<table>{''.join(table)}</table>"
+
+
+def _cells(tag: str, texts: Iterable[str]) -> str:
+    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
+
+
+def _picture(scenes: Sequence[Scene]) -> str:
+    if not scenes:
+        return ""
+    [pictures], _ = render_rows([scenes], SIDE)
+    content = io.BytesIO()
+    Image.fromarray(side_by_side(pictures, COLUMNS)).save(content, "png")
+    return f'<img src="data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}">'

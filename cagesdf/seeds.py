@@ -1,0 +1,16 @@
+"""Random numbers of single items: the same whatever the order, the number of workers, and what else is drawn."""
+
+import zlib
+from collections.abc import Iterable
+
+import numpy as np
+
+
+def item_rng(seed: int, *ids: str | int) -> np.random.Generator:
+    """A generator for one item, the same whatever the order and the number of workers."""
+    return np.random.default_rng([seed, *(zlib.crc32(str(part).encode()) for part in ids)])
+
+
+def draw(seed: int, ids: Iterable[str], count: int) -> list[str]:
+    """At most `count` of `ids`, sorted: the same ones even where some of the others are missing."""
+    return sorted(sorted(ids, key=lambda name: (item_rng(seed, "draw", name).random(), name))[:count])
