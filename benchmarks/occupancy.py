@@ -19,6 +19,7 @@ import torch
 
 from benchmarks.parts import CELLS, DETAIL, POINTS, trained
 from cagesdf.cuboid import Cage
+from cagesdf.deformation import Trilinear
 from cagesdf.evaluation.reconstruction import Measured, Truth, compare, directions
 from cagesdf.extraction import METHODS, extract, field_of
 from cagesdf.extraction.promises import count_pieces
@@ -49,7 +50,7 @@ def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> list[fl
     """COLUMNS of one surface."""
     sequence = run.sequences[shape_id]
     cage = sequence.cages[step]
-    truth = Truth.own(shapes.read(shape_id), sequence, step, DETAIL)
+    truth = Truth.own(shapes.read(shape_id), sequence, step, DETAIL, Trilinear())
     field = field_of(run.decoder, run.latent(shape_id, step), cage)
     sparse, dense = (extract(field, CELLS, METHODS[name]) for name in ("sparse", "dense"))
     rng = item_rng(0, "occupancy", shape_id, step)
@@ -89,7 +90,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("categories", nargs="*", default=["chair"])
     parser.add_argument("--steps", type=int, nargs="+", default=[2700, 8200])
-    parser.add_argument("--arms", nargs="+", choices=["cagesdf", *ARMS], default=["cagesdf", "cagesdf_occupancy"])
+    parser.add_argument("--arms", nargs="+", choices=["cagesdf", *ARMS], default=["cagesdf", "cagesdf_distance"])
     parser.add_argument("--shapes", type=int, default=4)
     options = parser.parse_args()
     torch.set_num_threads(1)

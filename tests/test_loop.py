@@ -247,10 +247,11 @@ def slow_errors(
     """The loss of each point of one group, spelt out."""
     predicted, truth = predicted / unit, truth / unit
     if decoder == "OccupancyDecoder":
+        predicted, truth = predicted.double(), truth.double()  # in float32 probabilities far away are 0
         inside, label = (-predicted / TEMPERATURE).sigmoid(), (-truth / TEMPERATURE).sigmoid()
         outside = (predicted / TEMPERATURE).sigmoid()  # 1 - inside would round to 0
         divergence = label * (label / inside).log() + (1 - label) * ((truth / TEMPERATURE).sigmoid() / outside).log()
-        return TEMPERATURE * divergence
+        return TEMPERATURE * divergence.float()
     if clamp:
         predicted, truth = predicted.clamp(-clamp, clamp), truth.clamp(-clamp, clamp)
     return (predicted - truth).abs()

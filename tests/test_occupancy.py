@@ -198,7 +198,7 @@ def test_the_profile_of_ablations_has_the_arm_which_differs_in_its_loss_alone(tm
         yaml.safe_dump(merged(defaults, profile_settings("ablations"))), encoding="utf-8"
     )
     sections = check(tmp_path / "params.yaml")
-    arm, default = (sections[f"arms.{name}"].model_dump() for name in ("cagesdf_occupancy", "cagesdf"))
+    arm, default = (sections[f"arms.{name}"].model_dump() for name in ("cagesdf_distance", "cagesdf"))
     changed = {name for name in arm if arm[name] != default[name]}
     assert changed == {"decoder", "clamp"}
-    assert (arm["decoder"], arm["clamp"]) == ("OccupancyDecoder", 0)
+    assert (default["decoder"], default["clamp"]) == ("OccupancyDecoder", 0)

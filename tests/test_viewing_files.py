@@ -93,7 +93,7 @@ def test_a_member_without_a_name_is_no_mesh(tmp_path: Path) -> None:
 
 def test_a_mesh_file_is_taken_as_it_is(tmp_path: Path) -> None:
     path = files.meshes_of("../../My chair.GLB", b"glTF", tmp_path)
-    assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "shape.glb", b"glTF")
+    assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "My chair.glb", b"glTF")
 
 
 # By what is wrong: the file's name, its bytes (made when the test runs: a zip holds the time), what is said.

@@ -11,7 +11,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from cagesdf.errors import InputError
 from cagesdf.models.triplane import TriplaneDecoder
 
-TEMPERATURE = 0.1  # distance from the surface at which the logit of a label is ±1, in the decoder's unit
+TEMPERATURE = 0.05  # distance from the surface at which the logit of a label is ±1, in the decoder's unit
 SATURATED = 4.0  # logit beyond which labels hardly differ: sigmoid(4) = 0.98
 
 

@@ -115,14 +115,14 @@ METRIC = {metric.key: metric for metric in METRICS}
 
 # In the order they are shown; others follow by name.
 ARMS = {
-    "cagesdf": "parts' codes by a transformer over the cage; feature planes in each cuboid's frame",
+    "cagesdf": "parts' codes by a transformer over the cage; a logit from feature planes in each cuboid",
     "cagesdf_global": "the paper's network: points in the shape's frame only",
     "cagesdf_keep": "cagesdf, trained on sequences in which details keep their size",
     "cagesdf_noaug": "cagesdf, trained on rest shapes only",
     "cagesdf_global_noaug": "the paper's network, trained on rest shapes only",
-    "cagesdf_plain": "cagesdf, codes of parts that don't see each other",
-    "cagesdf_relations": "cagesdf, attention that knows how cuboids relate",
-    "cagesdf_occupancy": "cagesdf with a logit in place of the distance",
+    "cagesdf_distance": "cagesdf, distances in place of the logit",
+    "cagesdf_plain": "cagesdf_distance, codes of parts that don't see each other",
+    "cagesdf_relations": "cagesdf_distance, attention that knows how cuboids relate",
     "deepsdf": "the baseline: one latent code a shape, no cuboids",
     "deepsdf_sine": "the baseline, given sine features of the points",
 }

@@ -80,8 +80,12 @@ def meshes_of(name: str, content: bytes, folder: Path) -> Path:
         return folder
     if suffix not in MESH_SUFFIXES:
         raise InputError(f"{name}: wanted a {', '.join(MESH_SUFFIXES)} file, or a .zip with one for each part")
-    (folder / f"shape{suffix}").write_bytes(content)
-    return folder / f"shape{suffix}"
+    # By its own name, so that messages speak of that.
+    own = PurePosixPath(name.replace("\\", "/")).stem + suffix
+    if len(own.encode("utf-8")) > MAX_NAME or not own.isprintable():
+        own = f"shape{suffix}"
+    (folder / own).write_bytes(content)
+    return folder / own
 
 
 def _unpacked(name: str, content: bytes) -> dict[str, bytes]:

@@ -31,6 +31,12 @@ class Actions:
     select: Callable[[str], None]  # a part's name, or the label of several
     place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
+    turn: Callable[[tuple[float, float, float]], None]  # about the axes x, y, z, degrees
+    escape: Callable[[], None]  # select nothing
+    frame: Callable[[], None]  # look at what is selected
+    duplicate: Callable[[], None]  # what is selected
+    delete: Callable[[], None]
+    split: Callable[[], None]
     redraw: Callable[[], None]  # what is shown changed, not the shape
     set_parameter: Callable[[str, float], None]
     blend: Callable[[str, float], None]
@@ -56,6 +62,7 @@ class Panel:
     part: Any
     centre: Any
     lengths: Any
+    turn: Any
     mirror: Any
     repeat: Any
     snap: Any
@@ -95,6 +102,7 @@ class Panel:
         history.on_click(lambda _: guard(steps[history.value]))
         self.status = gui.add_text("Status", "", disabled=True, multiline=True)
         self.surface = gui.add_text("Surface", "", disabled=True, hint="cells, faces, and a mark of its bytes")
+        self._keys(actions)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Cuboids"):
             self._cuboids(actions, has_truth)
@@ -105,14 +113,36 @@ class Panel:
         with tabs.add_tab("File"):
             self._file(actions)
 
+    def _keys(self, actions: Actions) -> None:
+        keys: tuple[tuple[str, str, Any, Any, Callable[[], None]], ...] = (
+            ("Ctrl Z", "Undo", "Z", "cmd/ctrl", actions.undo),
+            ("Ctrl Shift Z", "Redo", "Z", "cmd/ctrl+shift", actions.redo),
+            ("Esc", "Select nothing", "escape", None, actions.escape),
+            ("Del", "Delete what is selected", "delete", None, actions.delete),
+            ("Shift D", "Duplicate what is selected", "D", "shift", actions.duplicate),
+            ("F", "Frame what is selected, or all", "F", None, actions.frame),
+        )
+        for _, label, key, modifier, act in keys:
+            command = self._gui.add_command(label, hotkey=key, modifier=modifier)
+            command.on_trigger(partial(lambda act, _: self._guard(act), act))
+        with self._gui.add_folder("Keys", expand_by_default=False):
+            self._gui.add_markdown("\n".join(f"- **{written}**: {label}" for written, label, *_ in keys))
+
     def _cuboids(self, actions: Actions, has_truth: bool) -> None:
         gui = self._gui
         self.part = gui.add_dropdown("Part", (NOTHING,))
         self._on(self.part, lambda: actions.select(self.part.value))
-        self.centre = gui.add_vector3("Centre", (0.0, 0.0, 0.0), step=0.001, disabled=True)
+        self.centre = gui.add_vector3("Centre (file units)", (0.0, 0.0, 0.0), step=0.001, disabled=True)
         self._on(self.centre, lambda: actions.place(self.centre.value))
-        self.lengths = gui.add_vector3("Lengths", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, disabled=True)
+        self.lengths = gui.add_vector3(
+            "Lengths (file units)", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, disabled=True
+        )
         self._on(self.lengths, lambda: actions.lengths(self.lengths.value))
+        self.turn = gui.add_vector3("Turn by (degrees)", (0.0, 0.0, 0.0), step=1.0, disabled=True)
+        self._on(self.turn, lambda: actions.turn(self.turn.value))
+        members = gui.add_button_group("Selected", ("Duplicate", "Split", "Delete"))
+        steps = {"Duplicate": actions.duplicate, "Split": actions.split, "Delete": actions.delete}
+        members.on_click(lambda _: self._guard(steps[members.value]))
         self.mirror = gui.add_checkbox("Mirrored parts follow", True)
         self.repeat = gui.add_checkbox("Repeated parts follow", True)
         self.snap = gui.add_checkbox("Snap to contact", True)
@@ -190,8 +220,10 @@ class Panel:
         self.part.options = (NOTHING, *names)
         self.part.value = selected or NOTHING
 
-    def show_cuboid(self, centre: np.ndarray | None, lengths: np.ndarray | None) -> None:
-        """Numbers of the cuboid selected; None: not exactly one is."""
+    def show_cuboid(self, selected: int, centre: np.ndarray | None, lengths: np.ndarray | None) -> None:
+        """How many are selected, and numbers of the cuboid; None: not exactly one is."""
+        self.turn.disabled = not selected
+        self.turn.value = (0.0, 0.0, 0.0)
         for box, numbers in ((self.centre, centre), (self.lengths, lengths)):
             box.disabled = numbers is None
             if numbers is not None:

@@ -1,6 +1,7 @@
 """What one tab shows: the surface, coloured by part, translucent cuboids, a gizmo and handles on what is selected."""
 
 from collections.abc import Callable, Mapping, Sequence
+from colorsys import hsv_to_rgb
 from itertools import count
 from typing import Any
 
@@ -11,17 +12,20 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.editing.links import linked, mirrors, repeats
+from cagesdf.editing.state import State
 from cagesdf.meshes import Mesh, compact
 from cagesdf.rendering import CLAY, EDGES, PART_COLOURS, rgb
-from cagesdf.structure.base import Structure
 from cagesdf.viewing.picking import along
 
 Colour = tuple[int, int, int]
 
-SELECTED: Colour = (232, 96, 28)
-BOX_OPACITY, SELECTED_OPACITY = 0.13, 0.34
-EDGE_WIDTH = 1.5  # pixels
+SELECTED: Colour = (255, 0, 200)  # of outlines and handles; no part has it
+BOX_OPACITY = 0.13
+EDGE_WIDTH, OUTLINE_WIDTH = 1.5, 4.0  # pixels
+GOLDEN = (5**0.5 - 1) / 2  # of a turn: hues so far apart don't come near each other again for long
 GIZMO_SIZE, HANDLE_RADIUS, CLEAR = 0.24, 0.024, 0.3  # canonical; handles are CLEAR from the gizmo's middle at least
+ROOM = 1.05  # around what is framed
 BESIDE = 1.6  # canonical: from the surface to the true one beside it
 
 Click = Callable[[tuple[str, ...], bool], None]  # cuboids under the mouse, nearest first; with shift
@@ -29,11 +33,32 @@ Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # pha
 Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), how far outwards
 
 
-def part_colours(structure: Structure) -> list[Colour]:
-    """A colour a part; those of one label share it."""
-    labels = structure.labels()
-    words = list(dict.fromkeys(labels[part] or part for part in structure.parts()))
-    return [rgb(PART_COLOURS[words.index(labels[part] or part) % len(PART_COLOURS)]) for part in structure.parts()]
+def part_colours(state: State) -> dict[str, Colour]:
+    """A colour a part; those that mirror or repeat each other share it, and those of one label."""
+    links = [mirrors(state), repeats(state)]
+    labels = state.structure.labels()
+    colours: dict[str, Colour] = {}
+    number = count()
+    for part in state.cage.part_ids:
+        if part in colours:
+            continue
+        alike = {part}
+        while True:
+            words = {labels[each] for each in alike} - {""}
+            more = {*linked(sorted(alike), links), *(each for each in labels if labels[each] in words)}
+            if more == alike:
+                break
+            alike = more
+        colours |= dict.fromkeys(alike, _colour(next(number)))
+    return colours
+
+
+def _colour(number: int) -> Colour:
+    """The palette's, and when it ends softer ones around the wheel."""
+    if number < len(PART_COLOURS):
+        return rgb(PART_COLOURS[number])
+    red, green, blue = hsv_to_rgb(number * GOLDEN % 1, 0.35, 0.9)
+    return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def quaternion(axes: Float[ndarray, "3 3"]) -> Float[ndarray, " 4"]:
@@ -51,6 +76,17 @@ def handle_place(cuboid: Cuboid, axis: int, side: int) -> Float[ndarray, " 3"]:
     return cuboid.centre + side * max(cuboid.size[axis] / 2 + HANDLE_RADIUS, CLEAR) * cuboid.axes[axis]
 
 
+def framed(cage: Cage, towards: Float[ndarray, " 3"], fov: float) -> tuple[Float[ndarray, " 3"], Float[ndarray, " 3"]]:
+    """From where, in a direction, a camera sees a cage as large as may be, and the point that it looks at.
+
+    `fov` is the angle that the view takes upright, in radians.
+    """
+    corners = cage.corners().reshape(-1, 3)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    radius = np.linalg.norm(corners - middle, axis=1).max()
+    return middle + ROOM * radius / np.sin(fov / 2) * towards / np.linalg.norm(towards), middle
+
+
 class Stage:
     """The 3-D scene of one client. Frame: canonical, y up."""
 
@@ -65,7 +101,6 @@ class Stage:
         self._pieces: list[Any] = []
         self._handles: dict[tuple[int, int], Any] = {}
         self._gizmo: Any = None
-        self._edges: Any = None
         self._truth: Any = None
         self._scene.set_up_direction("+y")
         # Clicks are those of the whole scene: boxes that listened would keep the mouse from a gizmo behind them.
@@ -80,10 +115,17 @@ class Stage:
         """The ground, where a cage stands."""
         self._ground.position = (0.0, float(cage.corners()[:, :, 1].min()) - 2e-3, 0.0)
 
-    def show_surface(self, mesh: Mesh, cage: Cage, structure: Structure) -> None:
+    def frame(self, cage: Cage) -> None:
+        """The camera so far away that a cage fills the view, in the direction that it looks in."""
+        camera = self._client.camera
+        position, look_at = framed(cage, np.asarray(camera.position) - np.asarray(camera.look_at), camera.fov)
+        with self._client.atomic():
+            camera.position, camera.look_at = position, look_at
+
+    def show_surface(self, mesh: Mesh, state: State) -> None:
         """A surface cut into its parts."""
+        cage, colours = state.cage, part_colours(state)
         owner, _ = cage.assign(mesh.corners().mean(axis=1)) if len(mesh.faces) else (np.zeros(0, int), None)
-        colours = dict(zip(structure.parts(), part_colours(structure)))
         with self._client.atomic():
             for piece in self._pieces:
                 piece.remove()
@@ -98,9 +140,9 @@ class Stage:
                 if len((own := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
             ]
 
-    def show_cage(self, cage: Cage, structure: Structure, selected: Sequence[str], shown: bool) -> None:
-        """The cuboids; those of the same parts are moved, others are made anew."""
-        colours = dict(zip(structure.parts(), part_colours(structure)))
+    def show_cage(self, state: State, selected: Sequence[str], shown: bool) -> None:
+        """The cuboids; those of the same parts are moved, others are made anew. Selected ones have an outline."""
+        cage, colours = state.cage, part_colours(state)
         self._cage = cage if shown else None
         with self._client.atomic():
             if tuple(self._boxes) != cage.part_ids:
@@ -108,12 +150,14 @@ class Stage:
                     box.remove()
                 self._boxes = {part: self._box(cage[part]) for part in cage.part_ids}
             for part, box in self._boxes.items():
-                cuboid, chosen = cage[part], part in selected
+                cuboid = cage[part]
                 box.position, box.wxyz, box.dimensions = cuboid.centre, quaternion(cuboid.axes), tuple(cuboid.size)
-                box.color = SELECTED if chosen else colours[part]
-                box.opacity = SELECTED_OPACITY if chosen else BOX_OPACITY
-                box.visible = shown
-            self._show_edges(cage, [SELECTED if part in selected else colours[part] for part in cage.part_ids], shown)
+                box.color, box.opacity, box.visible = colours[part], BOX_OPACITY, shown
+            chosen = [part in selected for part in cage.part_ids]
+            own = [colours[part] for part in cage.part_ids]
+            self._show_edges("/edges", cage.corners(), own, EDGE_WIDTH, shown)
+            outlines = cage.corners()[chosen]
+            self._show_edges("/outlines", outlines, [SELECTED] * len(outlines), OUTLINE_WIDTH, shown and any(chosen))
 
     def _box(self, cuboid: Cuboid) -> Any:
         return self._scene.add_box(f"/cuboids/{next(self._numbers)}", dimensions=tuple(cuboid.size), cast_shadow=False)
@@ -128,16 +172,20 @@ class Stage:
         ways = [np.asarray(handle.position) - origin for handle in self._handles.values()]
         return any(np.linalg.norm(np.cross(way, direction)) <= HANDLE_RADIUS for way in ways)
 
-    def _show_edges(self, cage: Cage, colours: Sequence[Colour], shown: bool) -> None:
-        lines = cage.corners()[:, EDGES].reshape(-1, 2, 3)
+    def _show_edges(
+        self, name: str, corners: Float[ndarray, "p 8 3"], colours: Sequence[Colour], width: float, shown: bool
+    ) -> None:
+        if not shown:
+            self._scene.remove_by_name(name)
+            return
+        lines = corners[:, EDGES].reshape(-1, 2, 3)
         own = np.repeat(np.array(colours, np.uint8).reshape(-1, 3), len(EDGES), axis=0)
-        self._edges = self._scene.add_line_segments(
-            "/edges",
+        self._scene.add_line_segments(
+            name,
             lines.astype(np.float32),
             np.repeat(own[:, None], 2, axis=1),
-            thickness=EDGE_WIDTH,
+            thickness=width,
             thickness_units="screen",
-            visible=shown,
         )
 
     def show_gizmo(self, centre: Float[ndarray, " 3"] | None, axes: Float[ndarray, "3 3"]) -> None:

@@ -16,9 +16,10 @@ from viser.infra import _infra as viser_sockets
 from websockets.asyncio import server as sockets
 
 from cagesdf.errors import InputError
+from cagesdf.viewing.scene import framed
 from cagesdf.viewing.tab import Opened, Tab
 
-CAMERA = ((1.25, 0.75, 2.05), (0.0, 0.0, 0.0))  # from where, to where; canonical
+TOWARDS = np.array([1.25, 0.75, 2.05])  # the camera at first; canonical
 PORTS = range(8080, 8180)  # that are tried where none is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Pages of this machine, and what is no page.
@@ -86,7 +87,8 @@ class Editor:
         self._lock = threading.Lock()
         self.server = Server(host, port)
         self.server.scene.set_up_direction("+y")
-        self.server.initial_camera.position, self.server.initial_camera.look_at = CAMERA
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = framed(opened.session.opened(opened.first).cage, TOWARDS, camera.fov)
         self.server.on_client_connect(self._come)
         self.server.on_client_disconnect(self._leave)
 

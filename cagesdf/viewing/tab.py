@@ -17,8 +17,26 @@ from scipy.spatial.transform import Rotation as Turn
 
 from cagesdf.cuboid import Cage
 from cagesdf.editing.document import Document
+from cagesdf.editing.operations import SMALLEST
 from cagesdf.editing.parts import parameters, part_names, select
-from cagesdf.editing.script import Axis, Blend, Build, End, Mix, Move, Operation, Resize, Rotate, Set, Style, dump
+from cagesdf.editing.script import (
+    Axis,
+    Blend,
+    Build,
+    Delete,
+    Duplicate,
+    End,
+    Frame,
+    Mix,
+    Move,
+    Operation,
+    Resize,
+    Rotate,
+    Set,
+    Split,
+    Style,
+    dump,
+)
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
@@ -92,6 +110,12 @@ class Tab:
                 select=self._choose,
                 place=self._place,
                 lengths=self._lengths,
+                turn=self._turn,
+                escape=lambda: self._select(()),
+                frame=self._look,
+                duplicate=self._duplicate,
+                delete=self._delete,
+                split=self._split,
                 redraw=self._redraw,
                 set_parameter=self._set,
                 blend=self._blend,
@@ -114,7 +138,7 @@ class Tab:
             self._guarded,
         )
         self._panel.shape.value = opened.first
-        self._worker = Worker(opened.session, pool, self._show, self._say)
+        self._worker = Worker(opened.session, pool, self._show, self._complain)
         self._stage.show_ground(self._document.state.cage)
         self._redraw()
         self._worker.want(self._document.state)
@@ -128,7 +152,7 @@ class Tab:
     def _show(self, made: Made) -> None:
         self._made = made
         mesh, state = made.found.mesh, made.state
-        self._stage.show_surface(mesh, state.cage, state.structure)
+        self._stage.show_surface(mesh, state)
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces, {mark}"
         self._say(f"surface of {made.cells} cells in {made.seconds:.2f} s, {made.found.asked:,} points asked")
@@ -141,8 +165,13 @@ class Tab:
         with self._lock, saying(self._refuse):
             act()
 
-    def _refuse(self, text: str) -> None:
+    def _complain(self, text: str) -> None:
+        """What went wrong stays to be read until it is dismissed."""
         self._say(text)
+        self._client.add_notification("Not done", text, color="red")
+
+    def _refuse(self, text: str) -> None:
+        self._complain(text)
         self._redraw()
 
     def _redraw(self, state: State | None = None) -> None:
@@ -151,7 +180,7 @@ class Tab:
         names = part_names(state.structure)
         self._selected = tuple(part for part in self._selected if part in names)
         shown = self._panel.shown.value
-        self._stage.show_cage(state.cage, state.structure, self._selected, shown)
+        self._stage.show_cage(state, self._selected, shown)
         centre, axes = self._frame(state)
         self._stage.show_gizmo(centre if shown else None, axes)
         one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
@@ -160,7 +189,9 @@ class Tab:
         self._panel.show_parts([*names.values(), *groups], label_of(names, self._selected) if one is not None else None)
         unit = state.similarity
         self._panel.show_cuboid(
-            None if one is None else unit.to_raw(one.centre[None])[0], None if one is None else one.size / unit.scale
+            len(self._selected),
+            None if one is None else unit.to_raw(one.centre[None])[0],
+            None if one is None else one.size / unit.scale,
         )
         placed = state.structure.placed_program()
         self._panel.show_program({} if placed is None else parameters(placed[0]))
@@ -217,7 +248,7 @@ class Tab:
     def _preview(self, operation: Operation) -> None:
         """Show where an operation leads that isn't finished yet."""
         state = self._document.then(operation, self._opened.session.styles).state
-        self._stage.show_cage(state.cage, state.structure, self._selected, shown=True)
+        self._stage.show_cage(state, self._selected, shown=True)
         if len(self._selected) == 1:
             self._stage.show_handles(state.cage[self._selected[0]])
         self._worker.want(state)
@@ -241,7 +272,7 @@ class Tab:
         before, own = self._frame(state)
         if before is None:
             return None
-        turn = _turn(own, axes)
+        turn = _turned(own, axes)
         if turn is not None:
             row, degrees = turn
             if len(self._selected) == 1:
@@ -304,6 +335,8 @@ class Tab:
 
     def _lengths(self, lengths: tuple[float, float, float]) -> None:
         state = self._document.state
+        if min(lengths) < SMALLEST / state.similarity.scale:
+            raise InputError(f"lengths are at least {SMALLEST / state.similarity.scale:.3g}")
         factors = np.array(lengths) * state.similarity.scale / state.cage[self._one].size
         for row in np.flatnonzero(np.abs(factors - 1) > 1e-4).tolist():
             axis, _ = _named(state, row)
@@ -312,6 +345,43 @@ class Tab:
                     part=self._pattern, axis=axis, factor=float(factors[row]), mirror=self._mirror, repeat=self._repeat
                 )
             )
+
+    def _turn(self, degrees: tuple[float, float, float]) -> None:
+        frame: Frame = "cuboid" if len(self._selected) == 1 else "shape"
+        for axis, angle in zip(AXES, degrees):
+            if angle:
+                turn = Rotate(
+                    part=self._pattern, axis=axis, angle=angle, frame=frame, mirror=self._mirror, repeat=self._repeat
+                )
+                self._do(turn)
+
+    def _duplicate(self) -> None:
+        """Copies beside what is selected, which are selected then."""
+        state = self._document.state
+        self._some()
+        corners = _only(state.cage, self._selected).corners().reshape(-1, 3)
+        way = np.ptp(corners @ state.similarity.rotation, axis=0)[0] / state.similarity.scale
+        self._do(Duplicate(part=self._pattern, by=(float(way), 0.0, 0.0), mirror=self._mirror))
+        self._select(tuple(part for part in self._document.state.cage.part_ids if part not in state.cage.part_ids))
+
+    def _delete(self) -> None:
+        self._some()
+        self._do(Delete(part=self._pattern, mirror=self._mirror))
+
+    def _split(self) -> None:
+        """Across the longest axis of the first cuboid selected."""
+        self._some()
+        state = self._document.state
+        axis, _ = _named(state, int(state.cage[self._selected[0]].size.argmax()))
+        self._do(Split(part=self._pattern, axis=axis, mirror=self._mirror))
+
+    def _some(self) -> None:
+        if not self._selected:
+            raise InputError("no part is selected; click one first")
+
+    def _look(self) -> None:
+        cage = self._document.state.cage
+        self._stage.frame(_only(cage, self._selected) if self._selected else cage)
 
     def _set(self, parameter: str, value: float) -> None:
         if parameter != NOTHING:
@@ -345,6 +415,7 @@ class Tab:
     def _open(self, shape_id: str) -> None:
         self._selected = ()
         self._become(self._fresh(shape_id))
+        self._look()
 
     def _undo(self) -> None:
         self._become(self._document.undone(self._opened.session.styles))
@@ -437,7 +508,7 @@ def _only(cage: Cage, parts: Sequence[str]) -> Cage:
     return Cage.of({part: cage[part] for part in parts})
 
 
-def _turn(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
+def _turned(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
     """About which of its axes a frame has turned most, and by how many degrees; None if it hasn't."""
     vector = Turn.from_matrix(before @ after.T).as_rotvec(degrees=True)
     row = int(np.abs(vector).argmax())

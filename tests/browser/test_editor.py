@@ -82,7 +82,9 @@ def test_a_click_selects_the_cuboid_under_it(visit: Visit, editor: Editor, sessi
     page.until(lambda: page.value("Part") == name, f"{name} selected")
     assert page.status == f"selected: {name}"
     np.testing.assert_allclose(
-        page.numbers("Centre"), state.similarity.to_raw(state.cage[by_name(state, name)].centre[None])[0], atol=1e-3
+        page.numbers("Centre (file units)"),
+        state.similarity.to_raw(state.cage[by_name(state, name)].centre[None])[0],
+        atol=1e-3,
     )
 
 
@@ -129,14 +131,14 @@ def test_dragging_an_arrow_moves_the_cuboid_and_undo_brings_the_very_same_surfac
     name = part_names(state.structure)[part]
     before, cuboid = page.settled(), state.cage[part]
     page.select(name)
-    start = page.numbers("Centre")
+    start = page.numbers("Centre (file units)")
     page.drawn(10)
     at, to = page.pixel(grip(cuboid), camera), page.pixel(2 * grip(cuboid) - cuboid.centre, camera)
     way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 60
     page.drag(at, (float(way[0]), float(way[1])))
     after = page.settled(before)
     page.picture("moved")
-    assert np.abs(page.numbers("Centre") - start).max() > 0.01
+    assert np.abs(page.numbers("Centre (file units)") - start).max() > 0.01
     assert [operation["op"] for operation in page.script(tmp_path)] == ["move"]
     page.press("Undo")
     page.until(lambda: page.surface == before, "the surface of before")
@@ -156,9 +158,9 @@ def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
     state, camera = state_of(session, page), camera_of(editor)
     before = page.settled()
     page.select(other)
-    partner = page.numbers("Lengths")
+    partner = page.numbers("Lengths (file units)")
     page.select(name)
-    lengths = page.numbers("Lengths")
+    lengths = page.numbers("Lengths (file units)")
     page.drawn(10)
     cuboid = state.cage[by_name(state, name)]
     axis, side = _nearest_face(state.cage, by_name(state, name), camera)
@@ -168,10 +170,12 @@ def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
     page.drag(at, (float(way[0]), float(way[1])))
     page.settled(before)
     page.picture("resized")
-    changed = page.numbers("Lengths")
+    changed = page.numbers("Lengths (file units)")
     assert np.sort(changed / lengths)[-1] > 1.02
     page.select(other)
-    np.testing.assert_allclose(np.sort(page.numbers("Lengths") / partner), np.sort(changed / lengths), rtol=0.02)
+    np.testing.assert_allclose(
+        np.sort(page.numbers("Lengths (file units)") / partner), np.sort(changed / lengths), rtol=0.02
+    )
 
 
 def _nearest_face(cage: Cage, part: str, camera: Camera) -> tuple[int, int]:
@@ -194,14 +198,14 @@ def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session
     before = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
-    centre, lengths = page.numbers("Centre"), page.numbers("Lengths")
+    centre, lengths = page.numbers("Centre (file units)"), page.numbers("Lengths (file units)")
     page.tab("Style")
     page.slide("Direction 1", 2.0)
     page.settled(before)
     page.picture("style")
     page.tab("Cuboids")
-    np.testing.assert_array_equal(page.numbers("Centre"), centre)
-    np.testing.assert_array_equal(page.numbers("Lengths"), lengths)
+    np.testing.assert_array_equal(page.numbers("Centre (file units)"), centre)
+    np.testing.assert_array_equal(page.numbers("Lengths (file units)"), lengths)
     assert [operation["op"] for operation in page.script(tmp_path)] == ["style"]
 
 
@@ -261,7 +265,7 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     opened = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
-    page.set_number("Lengths", 0, float(page.numbers("Lengths")[0] * 1.2))
+    page.set_number("Lengths (file units)", 0, float(page.numbers("Lengths (file units)")[0] * 1.2))
     first = page.settled(opened)
     page.tab("Style")
     page.choose("Style of", max(session.styles.shapes))
@@ -311,8 +315,8 @@ def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tm
     assert [operation["op"] for operation in page.script(tmp_path)] == ["build", "style"]
     page.tab("Cuboids")
     page.select("back")
-    np.testing.assert_allclose(page.numbers("Centre"), [1000, 670, -180], atol=5)
-    np.testing.assert_allclose(page.numbers("Lengths"), [400, 500, 40], rtol=0.05)
+    np.testing.assert_allclose(page.numbers("Centre (file units)"), [1000, 670, -180], atol=5)
+    np.testing.assert_allclose(page.numbers("Lengths (file units)"), [400, 500, 40], rtol=0.05)
     page.tab("File")
     mesh = trimesh.load_mesh(page.download("Export", tmp_path))
     assert np.all(mesh.bounds[0] > [790, -10, -210])
@@ -347,3 +351,34 @@ def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit
         styles.add(page.settled(surface))
         page.to_background()
     assert len(styles) == VISITORS
+
+
+def test_keys_and_buttons_duplicate_delete_and_take_back_and_errors_stay(visit: Visit) -> None:
+    page = visit()
+    before = page.surface
+    page.select("seat")
+    page.picture("outlined")
+    assert page.surface == before
+    page.set_number("Lengths (file units)", 0, 0.0)
+    page.page.get_by_text("Not done").wait_for()
+    assert "lengths are at least 0.00" in page.status
+    page.picture("refused")
+    assert page.page.get_by_text("Not done").count() == 1
+    page.press("Duplicate")
+    page.until(lambda: page.status == "selected: seat_2" or "cells" in page.status, "a copy selected")
+    copied = page.settled(before)
+    page.picture("duplicated")
+    page.page.keyboard.press("Delete")
+    assert page.settled(copied) == before
+    page.page.keyboard.press("Control+z")
+    assert page.settled(before) == copied
+    page.page.keyboard.press("Control+Shift+z")
+    assert page.settled(copied) == before
+    page.select("seat")
+    page.set_number("Turn by (degrees)", 1, 20.0)
+    page.settled(before)
+    assert np.abs(page.numbers("Turn by (degrees)")).max() == 0
+    page.picture("turned")
+    page.page.mouse.click(5, 5)
+    page.page.keyboard.press("Escape")
+    page.until(lambda: page.value("Part") == "–", "nothing selected")
