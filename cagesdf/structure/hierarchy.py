@@ -103,6 +103,25 @@ class PartHierarchy(Structure):
 
         return PartHierarchy(renew(self.tree))
 
+    def is_bare(self) -> bool:
+        """Whether it is a root with the parts below it, of whose relations nothing is told."""
+        return not self.tree.relations and not any(child.children for child in self.tree.children)
+
+    def with_relations(self, relations: tuple[Relation, ...]) -> "PartHierarchy":
+        """The tree with these relations between its parts. Raises ValueError where it isn't bare."""
+        if not self.is_bare():
+            raise ValueError("the hierarchy tells its parts' relations itself")
+        return PartHierarchy(replace(self.tree, relations=relations))
+
+    def with_labels(self, labels: Mapping[str, str]) -> "PartHierarchy":
+        """The same tree with other labels of some parts, by part id."""
+
+        def renew(node: Node) -> Node:
+            children = tuple(renew(child) for child in node.children)
+            return replace(node, label=labels.get(node.node_id, node.label), children=children)
+
+        return PartHierarchy(renew(self.tree))
+
     def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "PartHierarchy":
         """The same tree around other cuboids, by part id; planes, ways and pivots are those between their centres."""
 
