@@ -1,10 +1,10 @@
 """Relations between the parts of a shape whose files tell none: attached, mirrored, moved, turned.
 
-Two parts repeat each other if one lies on the other after a motion, up to a share of its size. There may be several such
-motions: four straight legs are both mirrored and moved. Three or more in a row at equal steps are moved; otherwise a mirror
-comes before a translation, this before a rotation about the centre of the circle on which they lie. Among equal parts
-the nearest are related, until all hang together; equal distances count alike, so that a mirrored shape has mirrored
-relations.
+Two parts repeat each other if one lies on the other after a motion, up to a share of its size. There may be several
+such motions: four straight legs are both mirrored and moved. Three or more in a row at equal steps are moved; otherwise
+a mirror comes before a translation, this before a rotation about the centre of the circle on which they lie. Among
+equal parts the nearest are related, until all hang together; equal distances count alike, so that a mirrored shape has
+mirrored relations.
 """
 
 from collections.abc import Iterator
@@ -144,7 +144,9 @@ def _relation(a: _Body, b: _Body, alike: list[_Body]) -> Relation | None:
     if np.linalg.norm(way) <= min(a.reach, b.reach):
         return None
     moved = _Motion(np.eye(3), way).leads(a, b)
-    if moved and any(np.linalg.norm(c.centre - end) <= a.reach for c in alike for end in (b.centre + way, a.centre - way)):
+    if moved and any(
+        np.linalg.norm(c.centre - end) <= a.reach for c in alike for end in (b.centre + way, a.centre - way)
+    ):
         return Translation(a.part_id, b.part_id, _vector(way))
     normal = way / np.linalg.norm(way)
     middle = (a.centre + b.centre) / 2
@@ -171,7 +173,9 @@ def _rotation(a: _Body, b: _Body, alike: list[_Body]) -> Rotation | None:
     if np.ptp(np.linalg.norm(centres - pivot, axis=1)) > a.reach:
         return None
     start, end = a.centre - pivot, b.centre - pivot
-    angle = float(np.arctan2(axis @ np.cross(start, end), start @ end))
+    across = np.cross(start, end)
+    axis = axis if axis @ across >= 0 else -axis
+    angle = float(np.arctan2(axis @ across, start @ end))
     if not _Motion.about(pivot, Turn.from_rotvec(angle * axis).as_matrix()).leads(a, b):
         return None
     return Rotation(a.part_id, b.part_id, _vector(pivot), _vector(axis), angle)

@@ -13,6 +13,7 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
 from cagesdf.shape import Part, Shape
+from cagesdf.structure.hierarchy import PartHierarchy
 
 ALIKE = 0.3  # of the logarithm of extents: parts of one shape that differ by less repeat each other
 LEVEL = 0.05  # of the shape's height: they lie at one level
@@ -54,7 +55,8 @@ def _labelled(shape: Shape, slots: list[_Slot]) -> Shape:
     for group, slot in zip(groups, _assigned(means, slots)):
         labels |= {unlabelled[i].part_id: slot.label for i in group}
     parts = tuple(replace(part, label=labels.get(part.part_id, part.label)) for part in shape.parts)
-    return replace(shape, parts=parts, structure=shape.structure.with_labels(labels))
+    bare = PartHierarchy.flat(tuple(p.part_id for p in parts), tuple(p.label for p in parts), "")
+    return replace(shape, parts=parts, structure=bare.with_relations(shape.structure.relations()))
 
 
 def _places(shape: Shape, parts: list[Part]) -> Float[ndarray, "p 6"]:

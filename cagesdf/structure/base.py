@@ -63,10 +63,6 @@ class Structure(ABC):
         """The structure with these relations between its parts. Raises ValueError where it isn't bare."""
         raise ValueError(f"{type(self).__name__} tells its parts' relations itself")
 
-    def with_labels(self, labels: Mapping[str, str]) -> "Structure":
-        """The structure with other labels of some parts, by part id. Raises ValueError where a program names them."""
-        raise ValueError(f"the labels of {type(self).__name__} are its program's")
-
     @abstractmethod
     def signatures(self) -> dict[str, str]:
         """By node id, a text that two subtrees share if they are equal up to continuous parameters (§3.3)."""

@@ -113,15 +113,6 @@ class PartHierarchy(Structure):
             raise ValueError("the hierarchy tells its parts' relations itself")
         return PartHierarchy(replace(self.tree, relations=relations))
 
-    def with_labels(self, labels: Mapping[str, str]) -> "PartHierarchy":
-        """The same tree with other labels of some parts, by part id."""
-
-        def renew(node: Node) -> Node:
-            children = tuple(renew(child) for child in node.children)
-            return replace(node, label=labels.get(node.node_id, node.label), children=children)
-
-        return PartHierarchy(renew(self.tree))
-
     def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "PartHierarchy":
         """The same tree around other cuboids, by part id; planes, ways and pivots are those between their centres."""
 
