@@ -1,5 +1,6 @@
 """Relations between parts of which files tell none: which there are, and what they follow."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -171,10 +172,25 @@ def test_shapes_without_relations_get_some_which_are_stored_and_which_edits_foll
     assert sorted(len(others) for others in repeats(state).values()) == [0] * 5 + [1] * 2 + [2] * 3
 
 
+def test_found_relations_say_nothing_of_the_structure_and_stay_apart_from_those_that_files_tell() -> None:
+    bare = PartHierarchy.flat(("a", "b"), ("leg", "leg"), "")
+    relation = Translation("a", "b", (1.0, 0.0, 0.0))
+    found = bare.with_relations((relation,))
+    told = PartHierarchy(replace(bare.tree, relations=(relation,)))
+    assert found.signature() == bare.signature() != told.signature()
+    cuboid = fit_cuboid(toy.box([0, 0, 0], [1, 1, 1]).vertices, 0.0, 1e-3)
+    moved = Similarity(2.0, np.eye(3), np.zeros(3))
+    for structure in (found.transformed(moved), found.with_cuboids({"a": cuboid, "b": cuboid})):
+        again = PartHierarchy.from_json(structure.to_json())
+        assert again.relations() == structure.relations() != ()
+        assert again.signature() == bare.signature()
+    assert PartHierarchy.from_json(told.to_json()).signature() == told.signature()
+
+
 def test_relations_that_files_tell_are_kept_as_they_are() -> None:
     meshes = chair()
     bare = PartHierarchy.flat(tuple(meshes), tuple(meshes), "")
-    told = bare.with_relations((Translation("leg_0", "leg_3", (0.8, 0.0, 0.6)),))
+    told = PartHierarchy(replace(bare.tree, relations=(Translation("leg_0", "leg_3", (0.8, 0.0, 0.6)),)))
     raw = RawShape("a", "train", tuple(RawPart(name, name, mesh) for name, mesh in meshes.items()), told)
     shape = import_shape(raw, "y", 1e-5, 10**6, 150, 1e-4)
     assert kinds(shape.structure.relations()) == [("Translation", "leg_0", "leg_3")]

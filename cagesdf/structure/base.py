@@ -60,7 +60,10 @@ class Structure(ABC):
         return False
 
     def with_relations(self, relations: tuple[Relation, ...]) -> "Structure":
-        """The structure with these relations between its parts. Raises ValueError where it isn't bare."""
+        """The structure with relations that were found between its parts; they don't count in signatures.
+
+        Raises ValueError where it isn't bare.
+        """
         raise ValueError(f"{type(self).__name__} tells its parts' relations itself")
 
     @abstractmethod
