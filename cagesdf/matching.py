@@ -69,8 +69,8 @@ def likest(
 ) -> dict[str, tuple[tuple[str, str], ...]]:
     """The other shapes that have most parts of one, at least SHARED of them, each with the pairs of these parts.
 
-    Parts correspond if they share a label; of those with one label, those do that lie nearest to each other, each cage's
-    bounding box being mapped to a unit cube.
+    Parts correspond if they share a label; of those with one label, those do that lie nearest to each other, each
+    cage's bounding box being mapped to a unit cube.
     """
     names = structures[shape_id].labels()
     least = SHARED * len(names)

@@ -166,7 +166,7 @@ def test_parts_without_a_partner_go_along_as_if_all_were_scaled_and_moved() -> N
     rng = np.random.default_rng(1)
     upright = Cage(("a", "b", "c"), rng.normal(size=(3, 3)), np.tile(np.eye(3), (3, 1, 1)), rng.uniform(0.2, 1, (3, 3)))
     scaled = scaled_cage(upright, np.array([1.2, 0.7, 1.0]))
-    target = Cage(upright.part_ids, scaled.centre + [0.1, -0.2, 0.3], scaled.axes, scaled.size)
+    target = Cage(upright.part_ids, scaled.centre + np.array([0.1, -0.2, 0.3]), scaled.axes, scaled.size)
     for pairs in ((("a", "a"), ("b", "b")), (("c", "c"),)):
         np.testing.assert_allclose(aligned_cage(upright, target, pairs).vectors(), target.vectors(), atol=1e-12)
 
