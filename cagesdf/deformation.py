@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -88,7 +88,7 @@ def make_sequence(
 
 
 def cuboid_path(match: Match, cages: Mapping[str, Cage]) -> CuboidPath:
-    """Towards the target's cuboids, or the source's own, scaled; see `aligned_cage`."""
+    """Towards the target's cuboids, or the source's own, scaled."""
     source = cages[match.shape_id]
     if match.target_id is None:
         return CuboidPath(source, scaled_cage(source, np.array(match.scale)))
@@ -96,20 +96,9 @@ def cuboid_path(match: Match, cages: Mapping[str, Cage]) -> CuboidPath:
 
 
 def aligned_cage(source: Cage, target: Cage, pairs: tuple[tuple[str, str], ...]) -> Cage:
-    """The target's cuboids under the ids of their partners in the source, axes named as there.
-
-    Parts without a partner are moved and scaled along the canonical axes as the box around all others is.
-    """
-    partners = {a: target[b].nearest_to(source[a].axes) for a, b in pairs}
-    if len(partners) == len(source):
-        return Cage.of({part_id: partners[part_id] for part_id in source.part_ids})
-    before, after = (
-        cage.corners().reshape(-1, 3) for cage in (Cage.of({a: source[a] for a in partners}), Cage.of(partners))
-    )
-    factors = np.ptp(after, axis=0) / np.ptp(before, axis=0)
-    scaled = scaled_cage(source, factors)
-    along = replace(scaled, centre=scaled.centre + after.min(axis=0) - factors * before.min(axis=0))
-    return Cage.of({part_id: partners.get(part_id, along[part_id]) for part_id in source.part_ids})
+    """The target's cuboids under the ids of their partners in the source, axes named as there."""
+    partners = dict(pairs)
+    return Cage.of({part_id: target[partners[part_id]].nearest_to(source[part_id].axes) for part_id in source.part_ids})
 
 
 def interpolated_cage(source: Cage, target: Cage, t: float) -> Cage:

@@ -2,10 +2,9 @@
 
 Structures are compatible if their signatures are equal. Where parts have no labels, as in plain
 folders of part meshes, a signature says little more than how many there are; then it must also be
-equal which cuboids touch. A shape without a partner may be deformed towards one that has most of its parts.
+equal which cuboids touch.
 """
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,7 +17,6 @@ from cagesdf.cuboid import Cage
 from cagesdf.structure.base import Structure
 
 CONTACT = 0.01  # canonical units: cuboids no further apart touch
-SHARED = 0.75  # of a shape's parts: how many another must have, too, so that it is like it
 OTHER_CONTACTS = 100.0  # added to the squared distance between parts that touch differently
 
 
@@ -27,9 +25,9 @@ class Match:
     """What one shape is deformed towards: another shape's cage, or its own, scaled."""
 
     shape_id: str  # the source
-    target_id: str | None  # shape of equal structure, or a like one; None: the source's own cage, scaled
+    target_id: str | None  # structurally equal shape; None: the source's own cage, scaled
     scale: tuple[float, float, float]  # factors along the canonical axes; ones where there is a target
-    pairs: tuple[tuple[str, str], ...]  # (source part, target part), in the source's order; of a like target not all
+    pairs: tuple[tuple[str, str], ...]  # (source part, target part), in the source's order
     cost: float  # mean distance between partners' centres, canonical units
     candidates: int  # structurally equal shapes to choose from
     reason: str  # why this target, or why scaled
@@ -61,55 +59,6 @@ def match_to_one_of(
     pairs = correspond(structures[shape_id], source, structures[target_id], target)
     distances = [np.linalg.norm(source[a].centre - target[b].centre) for a, b in pairs]
     reason = f"drawn from {len(partners)} of equal structure"
-    return Match(shape_id, target_id, (1.0, 1.0, 1.0), pairs, float(np.mean(distances)), len(partners), reason)
-
-
-def likest(
-    shape_id: str, structures: Mapping[str, Structure], cages: Mapping[str, Cage]
-) -> dict[str, tuple[tuple[str, str], ...]]:
-    """The other shapes that have most parts of one, at least SHARED of them, each with the pairs of these parts.
-
-    Parts correspond if they share a label; of those with one label, those do that lie nearest to each other, each
-    cage's bounding box being mapped to a unit cube.
-    """
-    names = structures[shape_id].labels()
-    least = SHARED * len(names)
-    found: dict[str, tuple[tuple[str, str], ...]] = {}
-    for other in sorted(structures):
-        theirs = structures[other].labels()
-        if other == shape_id or (Counter(names.values()) & Counter(theirs.values())).total() < least:
-            continue
-        pairs = _pairs_by_label(names, cages[shape_id], theirs, cages[other])
-        least = max(least, len(pairs))
-        found[other] = pairs
-    return {other: pairs for other, pairs in found.items() if len(pairs) >= least}
-
-
-def _pairs_by_label(
-    ours: Mapping[str, str], our_cage: Cage, theirs: Mapping[str, str], their_cage: Cage
-) -> tuple[tuple[str, str], ...]:
-    """Pairs of parts that share a label; parts without one have no partner. Labels are by part id."""
-    centres = [dict(zip(cage.part_ids, relative_centres(cage))) for cage in (our_cage, their_cage)]
-    partners: dict[str, str] = {}
-    for label in sorted({*ours.values()} - {""}):
-        mine, others = ([part for part, own in labels.items() if own == label] for labels in (ours, theirs))
-        apart = np.array([[centres[0][a] - centres[1][b] for b in others] for a in mine]).reshape(len(mine), -1, 3)
-        rows, columns = linear_sum_assignment((apart**2).sum(axis=2))
-        partners |= {mine[i]: others[j] for i, j in zip(rows, columns)}
-    return tuple((part, partners[part]) for part in our_cage.part_ids if part in partners)
-
-
-def match_to_like(
-    shape_id: str,
-    partners: Mapping[str, tuple[tuple[str, str], ...]],
-    cages: Mapping[str, Cage],
-    rng: np.random.Generator,
-) -> Match:
-    """Draw a target among shapes that have most of the shape's parts, at least one; see `likest`."""
-    target_id = sorted(partners)[int(rng.integers(len(partners)))]
-    pairs, source, target = partners[target_id], cages[shape_id], cages[target_id]
-    distances = [np.linalg.norm(source[a].centre - target[b].centre) for a, b in pairs]
-    reason = f"drawn from {len(partners)} with {len(pairs)} of its {len(source)} parts"
     return Match(shape_id, target_id, (1.0, 1.0, 1.0), pairs, float(np.mean(distances)), len(partners), reason)
 
 

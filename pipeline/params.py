@@ -74,8 +74,8 @@ class FitParams(Params):
 class MatchParams(Params):
     """Who is deformed towards whom."""
 
-    unmatched: Literal["drop", "scale", "like"]  # a shape without a partner; like: towards a like one, else scaled
-    scale: tuple[Positive, Positive]  # range of the factors where `unmatched` is scale or like
+    unmatched: Literal["drop", "scale"]  # a shape without a partner
+    scale: tuple[Positive, Positive]  # range of the factors where `unmatched` is scale
     max_rejected: Share
     seed: Natural
 

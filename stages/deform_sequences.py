@@ -58,8 +58,7 @@ def deform_one(
 ) -> tuple[Sequence, Transfer, np.ndarray]:
     """A sequence, how surfaces follow it, and by step and part the share of vertices outside their own cuboid."""
     path: Callable[[float], Cage] = cuboid_path(match, cages)
-    equal = match.target_id is not None and len(match.pairs) == len(cages[match.shape_id])
-    if match.shape_id in assemblies and match.target_id is not None and equal:
+    if match.shape_id in assemblies and match.target_id is not None:
         path = ProgramPath(assemblies[match.shape_id], assemblies[match.target_id], match.pairs)
     sequence = make_sequence(match, cages, path, params.steps, params.held_out)
     shape, target_id = source.read(sequence.shape_id), sequence.target_id or sequence.shape_id

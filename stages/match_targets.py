@@ -10,7 +10,7 @@ from cagesdf.io.cuboids import read_cages
 from cagesdf.io.matches import write_matches
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import read_shapes
-from cagesdf.matching import Match, group_by_structure, likest, match_to_like, match_to_one_of, match_to_scaled
+from cagesdf.matching import group_by_structure, match_to_one_of, match_to_scaled
 from cagesdf.seeds import item_rng
 from pipeline import MatchParams, artefact, progress, run_stage
 
@@ -25,28 +25,14 @@ def main(shapes: Path, cuboids: Path, out: Path, params: MatchParams) -> None:
         matches, rejected = [], []
         for shape_id, others in progress(partners.items(), total=len(partners), label="match_targets"):
             rng = item_rng(params.seed, "match_targets", shape_id)
-            like = likest(shape_id, structures, cages) if params.unmatched == "like" and not others else {}
             if others:
                 matches.append(match_to_one_of(shape_id, others, structures, cages, rng))
-            elif like:
-                matches.append(match_to_like(shape_id, like, cages, rng))
-            elif params.unmatched != "drop":
+            elif params.unmatched == "scale":
                 matches.append(match_to_scaled(shape_id, cages[shape_id], params.scale, rng))
             else:
                 rejected.append(ShapeRejected(shape_id, "match_targets", "no other training shape of equal structure"))
         write_matches(folder, matches)
-        print(summary(matches, {shape_id for shape_id, others in partners.items() if others}))
         write_rejected(folder, rejected, len(partners), params.max_rejected)
-
-
-def summary(matches: list[Match], equal: set[str]) -> str:
-    """One line: how many shapes are deformed towards what; `equal` have partners of equal structure."""
-    like = sum(match.target_id is not None and match.shape_id not in equal for match in matches)
-    scaled = sum(match.target_id is None for match in matches)
-    counts = (
-        f"{len(matches) - like - scaled} towards one of equal structure, {like} towards a like one, {scaled} scaled"
-    )
-    return f"{len(matches)} shapes: {counts}"
 
 
 if __name__ == "__main__":

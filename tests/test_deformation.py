@@ -162,15 +162,6 @@ def test_partners_are_aligned_under_the_sources_names() -> None:
     np.testing.assert_allclose(np.sort(aligned.size), np.sort(target.size[[2, 0, 1]]))
 
 
-def test_parts_without_a_partner_go_along_as_if_all_were_scaled_and_moved() -> None:
-    rng = np.random.default_rng(1)
-    upright = Cage(("a", "b", "c"), rng.normal(size=(3, 3)), np.tile(np.eye(3), (3, 1, 1)), rng.uniform(0.2, 1, (3, 3)))
-    scaled = scaled_cage(upright, np.array([1.2, 0.7, 1.0]))
-    target = Cage(upright.part_ids, scaled.centre + np.array([0.1, -0.2, 0.3]), scaled.axes, scaled.size)
-    for pairs in ((("a", "a"), ("b", "b")), (("c", "c"),)):
-        np.testing.assert_allclose(aligned_cage(upright, target, pairs).vectors(), target.vectors(), atol=1e-12)
-
-
 def stool_match() -> tuple[Match, dict[str, Cage]]:
     shapes = [toy.stool("a"), toy.stool("b", width=1.4, height=0.7, lean=0.3)]
     cages = {shape.shape_id: fit_cage(shape, 0.01, 1e-3, 1e-6, 10, np.random.default_rng(0)).cage for shape in shapes}

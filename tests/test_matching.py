@@ -7,17 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage
 from cagesdf.fitting.cages import fit_cage
-from cagesdf.matching import (
-    CONTACT,
-    SHARED,
-    correspond,
-    group_by_structure,
-    likest,
-    match_to_like,
-    match_to_one_of,
-    match_to_scaled,
-    touching,
-)
+from cagesdf.matching import CONTACT, correspond, group_by_structure, match_to_one_of, match_to_scaled, touching
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 
@@ -80,31 +70,6 @@ def test_correspondence_is_symmetric_and_the_identity_on_itself(stools: dict[str
     back = correspond(b.structure, cage_of(b), a.structure, cage_of(a))
     assert sorted(forth) == sorted((x, y) for y, x in back)
     assert all(x == y for x, y in correspond(a.structure, cage_of(a), a.structure, cage_of(a)))
-
-
-def test_the_likest_shapes_have_most_of_a_shapes_parts_each_of_them_once(stools: dict[str, Shape]) -> None:
-    structures = {shape_id: shape.structure for shape_id, shape in stools.items()}
-    cages = {shape_id: cage_of(shape) for shape_id, shape in stools.items()}
-    assert {shape_id: [*likest(shape_id, structures, cages)] for shape_id in stools} == {
-        "a": ["b", "d"], "b": ["a", "d"], "c": ["a", "b", "d"], "d": ["a", "b"],
-    }  # fmt: skip
-    only = {shape_id: structures[shape_id] for shape_id in ("a", "c")}
-    pairs = likest("a", only, cages)["c"]
-    assert len(pairs) == 4 >= SHARED * len(cages["a"])
-    assert len(set(pairs)) == len({b for _, b in pairs}) == 4
-    assert all(only["a"].labels()[a] == only["c"].labels()[b] for a, b in pairs)
-    match = match_to_like("a", {"c": pairs}, cages, np.random.default_rng(0))
-    assert (match.target_id, match.pairs, match.reason) == ("c", pairs, "drawn from 1 with 4 of its 5 parts")
-
-
-def test_parts_without_labels_and_few_equal_ones_make_no_shape_like_another() -> None:
-    cages = {"a": points_cage({"p": [0, 0, 0], "q": [1, 0, 0], "r": [0, 1, 0]})}
-    cages["b"] = cages["a"]
-    for labels, theirs in [(("", "", ""), ("", "", "")), (("x", "y", "z"), ("x", "y", "w"))]:
-        structures = {
-            name: PartHierarchy.flat(("p", "q", "r"), own, "") for name, own in (("a", labels), ("b", theirs))
-        }
-        assert likest("a", structures, cages) == {}
 
 
 def test_subtrees_go_together_even_where_single_parts_lie_nearer_elsewhere() -> None:

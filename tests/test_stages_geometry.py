@@ -84,20 +84,6 @@ def test_a_shape_without_partner_is_scaled_where_that_is_wanted(done: Path, tmp_
     assert read_rejected(tmp_path / "matches") == {}
 
 
-def test_a_shape_without_partner_goes_towards_one_that_has_most_of_its_parts_where_that_is_wanted(
-    done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    like = MATCH.model_copy(update={"unmatched": "like"})
-    match_targets.main(done / "shapes", done / "cuboids", tmp_path / "matches", like)
-    assert "4 shapes: 3 towards one of equal structure, 1 towards a like one, 0 scaled" in capsys.readouterr().out
-    match = {match.shape_id: match for match in read_matches(tmp_path / "matches")}["three"]
-    assert match.target_id in {"a", "b", "c"}
-    deform_sequences.main(done / "shapes", done / "cuboids", tmp_path / "matches", tmp_path / "sequences", DEFORM)
-    last, target = read_sequences(tmp_path / "sequences")["three"].cages[-1], read_cages(done / "cuboids")
-    for ours, theirs in match.pairs:
-        np.testing.assert_allclose(last[ours].centre, target[match.target_id][theirs].centre, atol=1e-9)
-
-
 def test_points_are_of_training_steps_and_lie_as_far_as_they_say(done: Path) -> None:
     points, sequences = read_points(done / "points", "shape"), read_sequences(done / "sequences")
     assert set(points.step.tolist()) == {0, 1, 4, 5}
