@@ -98,6 +98,14 @@ def test_a_vessel_with_a_handle_is_a_body_and_a_handle() -> None:
     np.testing.assert_allclose(np.sort(sizes[0]), [1, 1, 1], rtol=0.05)
 
 
+def test_a_tube_that_is_open_at_both_ends_has_one_cuboid() -> None:
+    import manifold3d
+
+    cylinder = manifold3d.Manifold.cylinder
+    tube = cylinder(1, 0.5, 0.4, 32, center=True) - cylinder(2, 0.35, 0.35, 32, center=True)
+    assert len(fragments(tube, 0, 0.02 * tube.volume())) == 1
+
+
 @pytest.mark.parametrize("joined", [join, union])
 def test_the_parts_together_are_the_shape_and_each_is_closed(joined) -> None:
     whole = joined(list(chair_parts().values()))

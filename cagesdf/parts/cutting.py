@@ -35,7 +35,7 @@ SECTIONS = 40  # along each axis
 ANGLES = 12  # within a right angle, of cuboids that are tried about an axis
 CRUMB = 1e-4  # share of a solid's volume that is no piece
 HOLLOW = 1.3  # outer volume over volume, above which a curved solid is a vessel
-HELD = 0.5  # share of its cuboid that a vessel's outer volume takes
+HELD = 0.4  # share of its cuboid that a vessel's outer volume takes: a ball's is half
 ROUND = 0.7  # share of a solid's area along the axes of its cuboid, below which it is curved
 VESSEL_GAIN = 0.1  # of the outer volume: a cut of a vessel that gains less isn't made
 GRID = 28  # cells along each axis, of the outer volume
@@ -356,7 +356,7 @@ def _is_curved(solid: manifold3d.Manifold, axes: Float[ndarray, "3 3"]) -> bool:
 
 
 def _outer_volume(solid: manifold3d.Manifold, axes: Float[ndarray, "3 3"]) -> float:
-    """The volume of a solid with what it encloses from five of six sides along the axes, as a vessel does.
+    """The volume of a solid with what it encloses from both sides along two axes, as vessels, tubes and rings do.
 
     On a grid, as a multiple of the solid's volume there: thin walls may fall between its points.
     """
@@ -365,8 +365,9 @@ def _outer_volume(solid: manifold3d.Manifold, axes: Float[ndarray, "3 3"]) -> fl
     low, high = local.min(axis=0), local.max(axis=0)
     cells = (np.indices((GRID,) * 3).reshape(3, -1).T + 0.5) / GRID * (high - low) + low
     inside = SurfaceDistance(mesh).inside(cells @ axes).reshape((GRID,) * 3)
-    closed = np.zeros(inside.shape, np.int64)
+    enclosed = np.zeros(inside.shape, np.int64)
     for axis in range(3):
-        closed += np.logical_or.accumulate(inside, axis)
-        closed += np.flip(np.logical_or.accumulate(np.flip(inside, axis), axis), axis)
-    return solid.volume() * float((closed >= 5).sum() / max(inside.sum(), 1))
+        below = np.logical_or.accumulate(inside, axis)
+        above = np.flip(np.logical_or.accumulate(np.flip(inside, axis), axis), axis)
+        enclosed += below & above
+    return solid.volume() * float((enclosed >= 2).sum() / max(inside.sum(), 1))
