@@ -26,7 +26,7 @@ help:
 
 .venv/installed: pyproject.toml constraints.txt
 	test -x .venv/bin/python || $(PYTHON) -m venv .venv
-	$(PIP) -e .
+	$(PIP) -e '.[pipeline,report]'
 	touch $@
 
 .venv/installed-dev: .venv/installed
