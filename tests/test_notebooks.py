@@ -27,7 +27,9 @@ def code(notebook: str) -> str:
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS)
 def test_a_notebook_runs_from_its_first_cell_to_its_last_and_shows_shapes(notebook: str, tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", code(notebook)], cwd=tmp_path, capture_output=True, text=True)
+    script = tmp_path / "notebook.py"
+    script.write_text(code(notebook), encoding="utf-8")
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("<p><b>") >= 2
     assert list(tmp_path.glob("*.glb"))
