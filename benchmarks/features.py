@@ -57,7 +57,8 @@ def mixed(recipes: Sequence[Recipe], i: int, rng: np.random.Generator) -> list[M
 
 
 def permuted(recipes: Sequence[Recipe], i: int, rng: np.random.Generator) -> list[Mesh]:
-    family = [recipe for recipe in recipes if recipe.family == recipes[i].family]
+    kin = (recipes[i].category, recipes[i].family)
+    family = [recipe for recipe in recipes if (recipe.category, recipe.family) == kin]
     return recipe_parts(recipes[i], family[int(rng.integers(len(family)))])
 
 
