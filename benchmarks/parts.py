@@ -39,10 +39,12 @@ COLUMNS = ("surface_distance", "surface_distance_detail", "nc_signed", "same_com
 
 def trained(arm: str, category: str, out: Path, **changes: Any) -> float:
     """Train an arm with other parameters into `out`; returns the processor seconds."""
-    inputs = (Path("data") / name / category for name in ("points", "shapes", "cuboids", "sequences"))
+    points, shapes, cuboids, sequences = (
+        Path("data") / name / category for name in ("points", "shapes", "cuboids", "sequences")
+    )
     params = load(f"arms.{arm}").model_copy(update={"snapshots": (), "precision": "float32", **changes})
     begun = time.process_time()
-    train.main(*inputs, out, params)
+    train.main(points, shapes, cuboids, sequences, out, params)
     return time.process_time() - begun
 
 
