@@ -11,7 +11,7 @@ import torch
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import Trial
 from cagesdf.extraction import LOOSE, LiveSurface, field_of
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits

@@ -11,8 +11,9 @@ import torch
 
 from cagesdf.deformation import Transfer
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
-from cagesdf.evaluation.tables import PROGRESS
+from cagesdf.evaluation.metrics import PROGRESS
+from cagesdf.evaluation.reconstruction import definitions, score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.points import CHUNK
 from cagesdf.io.progress import write_progress

@@ -11,7 +11,7 @@ from cagesdf.cuboid import Sequence
 from cagesdf.deformation import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import keep_warp, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
 from cagesdf.io.edits import write_edits
