@@ -21,6 +21,9 @@ from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.seeds import item_rng
 from cagesdf.solid import cage_surface
 from pipeline import EvaluateParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, surfaces
+
+COST = Cost("surfaces", surfaces)
 
 
 def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: EvaluateParams) -> None:

@@ -20,8 +20,11 @@ from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import Mesh
 from cagesdf.seeds import item_rng
 from pipeline import EditsParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, trials
 
 Surfaces = dict[tuple[str, str], Mesh]  # by arm and trial
+
+COST = Cost("trials", trials)
 
 
 def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:

@@ -24,6 +24,9 @@ from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
 from pipeline import TrialsParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, trials
+
+COST = Cost("trials", trials, {"swaps": 0})  # so few shapes may have none
 
 
 def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsParams) -> None:

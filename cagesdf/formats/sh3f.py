@@ -52,7 +52,9 @@ def piece_names(path: Path) -> list[str]:
     Raises InputError if the file is no library, or its catalogue is missing, too large or without pieces.
     """
     catalogue = _catalogue(path)
-    plain = [re.sub(r"[\\/][\\/.]*", "_", part_name(catalogue[f"name#{number}"])) for number in _pieces(path, catalogue)]
+    plain = [
+        re.sub(r"[\\/][\\/.]*", "_", part_name(catalogue[f"name#{number}"])) for number in _pieces(path, catalogue)
+    ]
     return distinct_names(name.lstrip(".") for name in plain)
 
 
