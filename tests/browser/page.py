@@ -11,7 +11,7 @@ from playwright.sync_api import ConsoleMessage, Locator, Page
 
 from cagesdf.cuboid import Cage
 
-PATIENCE = 600.0  # seconds; only what is broken takes them
+PATIENCE = 240.0  # seconds; only what is broken takes them
 SETTLED = "128 cells"
 NOISE = "Unable to preventDefault inside passive event listener"  # viser's own, as nodes are dragged
 

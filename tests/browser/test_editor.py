@@ -356,7 +356,7 @@ def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit
 def test_keys_and_buttons_duplicate_delete_and_take_back_and_errors_stay(visit: Visit) -> None:
     page = visit()
     before = page.surface
-    page.select("seat")
+    page.select("seat_surface")
     page.picture("outlined")
     assert page.surface == before
     page.set_number("Lengths (file units)", 0, 0.0)
@@ -365,7 +365,7 @@ def test_keys_and_buttons_duplicate_delete_and_take_back_and_errors_stay(visit: 
     page.picture("refused")
     assert page.page.get_by_text("Not done").count() == 1
     page.press("Duplicate")
-    page.until(lambda: page.status == "selected: seat_2" or "cells" in page.status, "a copy selected")
+    page.until(lambda: page.status == "selected: seat_surface_2" or "cells" in page.status, "a copy selected")
     copied = page.settled(before)
     page.picture("duplicated")
     page.page.keyboard.press("Delete")
@@ -374,7 +374,7 @@ def test_keys_and_buttons_duplicate_delete_and_take_back_and_errors_stay(visit: 
     assert page.settled(before) == copied
     page.page.keyboard.press("Control+Shift+z")
     assert page.settled(copied) == before
-    page.select("seat")
+    page.select("seat_surface")
     page.set_number("Turn by (degrees)", 1, 20.0)
     page.settled(before)
     assert np.abs(page.numbers("Turn by (degrees)")).max() == 0
