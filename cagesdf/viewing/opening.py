@@ -1,6 +1,6 @@
 """From folders to what tabs share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -47,6 +47,21 @@ def opened(
         session, StyleSpace.of(codes, DIRECTIONS), _generator(run, programs), _truths(run, shapes),
         lambda source: _taken(trained, known, read(source), settings), first,
     )  # fmt: skip
+
+
+def named(runs: Sequence[Path]) -> dict[str, Path]:
+    """Runs by the shortest ends of their paths that tell them apart: chair/cagesdf and table/cagesdf.
+
+    Raises InputError for one that is given twice.
+    """
+    parts = [run.resolve().parts for run in runs]
+    if len(set(parts)) < len(parts):
+        raise InputError(f"{', '.join(map(str, runs))}: a run is given twice")
+    for first in range(1, max(map(len, parts)) + 1):
+        ends = ["/".join(path[-first:]) for path in parts]
+        if len(set(ends)) == len(ends):
+            return dict(zip(ends, runs))
+    raise AssertionError("equal paths")
 
 
 def _taken(run: Run, known: Known, shape: Shape, settings: FitSettings) -> Taken:
