@@ -34,7 +34,7 @@ from browser.page import Camera, EditorPage
 # Of the page: from the next movement of the mouse until the status names a surface of this many cells; with its text.
 CLOCK = """(box, cells) => { window.took = new Promise(done => addEventListener("pointermove", event => {
     const timer = setInterval(() => {
-        if (!box.value.startsWith(`surface of ${cells} cells`)) return;
+        if (!box.value.startsWith(`${cells} cells`)) return;
         clearInterval(timer);
         done([(performance.now() - event.timeStamp) / 1000, box.value]);
     }, 2);

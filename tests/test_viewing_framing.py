@@ -21,7 +21,7 @@ from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.viewing.angles import angles_of, turns
 from cagesdf.viewing.colours import SELECTED, palette, part_colours
 from cagesdf.viewing.framing import FILLED, VIEWS, camera_for, world_per_pixel
-from cagesdf.viewing.keys import KEYS, card
+from cagesdf.viewing.keys import CAMERA_KEYS, KEYS, card
 from cagesdf.viewing.opening import named
 from cagesdf.viewing.parameters import grouped, plain
 
@@ -103,6 +103,10 @@ def test_each_key_does_one_thing_and_stands_in_the_card() -> None:
     keys = [str(key) for action in KEYS.values() for key in action]
     assert len(set(keys)) == len(keys)
     assert all(f"{key}" in card() for key in keys)
+
+
+def test_no_key_flies_the_camera_too() -> None:
+    assert not {key.key for action in KEYS.values() for key in action} & {*CAMERA_KEYS}
 
 
 def test_runs_are_called_by_what_tells_them_apart(tmp_path: Path) -> None:

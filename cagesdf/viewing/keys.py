@@ -1,8 +1,12 @@
-"""Keys of the editor: Blender's where it has one. viser's command palette (Ctrl+K) lists them, too."""
+"""Keys of the editor: Blender's where they are free. viser's command palette (Ctrl+K) lists them, too.
+
+viser flies with CAMERA_KEYS, whatever is held with them: a key of the editor among them would move the view, too.
+"""
 
 from dataclasses import dataclass
 from typing import Any
 
+CAMERA_KEYS = "WASDQE"
 KEY_NAMES = {"cmd/ctrl": "Ctrl", "shift": "Shift", "alt": "Alt", "delete": "Delete", "escape": "Esc"}
 
 
@@ -22,12 +26,12 @@ class Key:
 KEYS: dict[str, tuple[Key, ...]] = {  # by action
     "move": (Key("Move", "G"),),
     "turn": (Key("Turn", "R"),),
-    "resize": (Key("Resize", "S"),),
+    "resize": (Key("Resize", "L"),),
     "undo": (Key("Undo", "Z", "cmd/ctrl"),),
     "redo": (Key("Redo", "Z", "cmd/ctrl+shift"), Key("Redo", "Y", "cmd/ctrl")),
     "nothing": (Key("Select nothing", "escape"),),
-    "everything": (Key("Select everything", "A"),),
-    "duplicate": (Key("Duplicate", "D", "shift"),),
+    "everything": (Key("Select everything", "B"),),
+    "duplicate": (Key("Duplicate", "N"),),
     "delete": (Key("Delete", "delete"), Key("Delete", "X")),
     "hide": (Key("Hide the selection", "H"),),
     "show": (Key("Show everything", "H", "shift"),),
@@ -36,7 +40,7 @@ KEYS: dict[str, tuple[Key, ...]] = {  # by action
     "side": (Key("Side view", "3"),),
     "top": (Key("Top view", "7"),),
     "perspective": (Key("Perspective view", "5"),),
-    "look": (Key("Parts, clay, wireframe", "W"),),
+    "look": (Key("Parts, clay, wireframe", "Z"),),
     "cuboids": (Key("Cuboids on or off", "C"),),
     "help": (Key("This card", "I"),),
 }
@@ -45,6 +49,7 @@ MOUSE = (
     ("Click", "select a cuboid; again: the one behind it"),
     ("Shift+click", "select more"),
     ("Drag", "turn the view; with the right button: move it; wheel: zoom"),
+    ("W A S D Q E", "fly"),
 )
 
 

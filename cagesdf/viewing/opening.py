@@ -67,7 +67,7 @@ def named(runs: Sequence[Path]) -> dict[str, Path]:
 def _taken(run: Run, known: Known, shape: Shape, settings: FitSettings) -> Taken:
     fit = fit_shape(run, known, shape, settings, 0)
     structure = shape.structure.with_cuboids(fit.prepared.fitted.cage.cuboids())
-    return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, str(fit.verdict))
+    return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, fit.prepared.surface, str(fit.verdict))
 
 
 def _generator(run: Path, programs: Path | None) -> Generator | None:

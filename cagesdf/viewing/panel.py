@@ -14,7 +14,7 @@ from cagesdf.viewing.framing import VIEWS
 from cagesdf.viewing.scene import LOOKS, TOOLS
 
 HELLO = (
-    "**Click a cuboid**, then drag its arrows (G moves, R turns, S pulls faces). "
+    "**Click a cuboid**, then drag its arrows (**G** moves, **R** turns, **L** pulls faces). "
     "**Style** changes the surface alone. **File** saves what you made. **I** lists all keys."
 )
 NOTHING = "–"
@@ -31,7 +31,6 @@ class Actions:
     undo: Callable[[], None]
     redo: Callable[[], None]
     reset: Callable[[], None]
-    select: Callable[[str], None]  # a part's name, or the label of several
     place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
     angles: Callable[[tuple[float, float, float]], None]  # degrees; see `angles.angles_of`
@@ -62,7 +61,6 @@ class Panel:
     status: Any
     surface: Any
     health: Any
-    part: Any
     tool: Any
     centre: Any
     lengths: Any
@@ -95,7 +93,6 @@ class Panel:
         directions: int,
         by_part: bool,
         generates: bool,
-        has_truth: bool,
         guard: Callable[[Callable[[], None]], None],
     ) -> None:
         """`guard` calls an action and says what is wrong."""
@@ -126,22 +123,22 @@ class Panel:
         with tabs.add_tab("File"):
             self._file(actions)
         with tabs.add_tab("View"):
-            self._view(actions, has_truth)
+            self._view(actions)
         with gui.add_folder("Details", expand_by_default=False):
             self.mark = gui.add_text("Mark", "", disabled=True, hint="of the surface's bytes: equal ones, equal marks")
 
     def _theme(self, dark: bool) -> None:
         self._gui.configure_theme(
-            show_logo=False, show_share_button=False, control_width="medium", brand_color=BRAND, dark_mode=dark
+            show_logo=False, show_share_button=False, control_width="large", brand_color=BRAND, dark_mode=dark
         )
 
-    def _view(self, actions: Actions, has_truth: bool) -> None:
+    def _view(self, actions: Actions) -> None:
         gui = self._gui
         self.look = gui.add_dropdown("Look", LOOKS)
         self._on(self.look, actions.look)
         self.shown = gui.add_checkbox("Show cuboids", True)
         self._on(self.shown, actions.redraw)
-        self.truth = gui.add_slider("True shape", 0.0, 1.0, 0.05, 0.0, visible=has_truth)
+        self.truth = gui.add_slider("True shape", 0.0, 1.0, 0.05, 0.0)
         self._on(self.truth, actions.redraw)
         views = gui.add_button_group("From", tuple(VIEWS))
         views.on_click(lambda _: self._guard(lambda: actions.view(views.value)))
@@ -152,10 +149,8 @@ class Panel:
 
     def _cuboids(self, actions: Actions) -> None:
         gui = self._gui
-        self.tool = gui.add_dropdown("Tool", TOOLS, hint="G moves, R turns, S pulls faces")
+        self.tool = gui.add_dropdown("Tool", TOOLS, hint="G moves, R turns, L pulls faces")
         self._on(self.tool, actions.redraw)
-        self.part = gui.add_dropdown("Part", (NOTHING,))
-        self._on(self.part, lambda: actions.select(self.part.value))
         self.centre = gui.add_vector3("Centre (file units)", (0.0, 0.0, 0.0), step=0.001, disabled=True)
         self._on(self.centre, lambda: actions.place(self.centre.value))
         self.lengths = gui.add_vector3("Lengths (file units)", (1.0, 1.0, 1.0), step=0.001, disabled=True)
@@ -168,9 +163,9 @@ class Panel:
             hint="about x, then its own y, then its own z",
         )
         self._on(self.angles, lambda: actions.angles(self.angles.value))
-        self.mirror = gui.add_checkbox("Mirrored parts follow", True)
-        self.repeat = gui.add_checkbox("Repeated parts follow", True)
-        self.attach = gui.add_checkbox("Attached parts follow", True, hint="what touches stays in contact")
+        self.mirror = gui.add_checkbox("Mirrors follow", True, hint="parts that mirror these")
+        self.repeat = gui.add_checkbox("Repeats follow", True, hint="parts that repeat these")
+        self.attach = gui.add_checkbox("Attached follow", True, hint="what touches stays in contact")
         self.snap = gui.add_checkbox("Snap to contact", True)
         self.program = gui.add_folder("Through the program", expand_by_default=False)
         with self.program:
@@ -260,11 +255,6 @@ class Panel:
         """A line about the surface, and what is wrong with it."""
         lines = [f"⚠ **{warning}**" for warning in warnings]
         self.health.content = "\n\n".join([f"Health: {health}", *lines])
-
-    def show_parts(self, names: Sequence[str], selected: str | None) -> None:
-        """The parts there are and the labels that several share, and the one part selected."""
-        self.part.options = (NOTHING, *names)
-        self.part.value = selected or NOTHING
 
     def show_cuboid(self, centre: np.ndarray | None, lengths: np.ndarray | None, angles: np.ndarray | None) -> None:
         """Numbers of the cuboid selected; None: not exactly one is."""

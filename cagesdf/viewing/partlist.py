@@ -11,7 +11,7 @@ from cagesdf.editing.state import State
 from cagesdf.structure.base import Structure
 from cagesdf.viewing.colours import Colour
 
-WIDTH = 280  # pixels
+WIDTH = 250  # pixels
 LONGEST = 28  # letters of a folder's name
 
 

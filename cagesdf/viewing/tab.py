@@ -2,7 +2,6 @@
 
 import hashlib
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -19,10 +18,11 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage
+from cagesdf.distance import SurfaceDistance
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
 from cagesdf.editing.operations import SMALLEST
-from cagesdf.editing.parts import free_name, parameters, part_names, select
+from cagesdf.editing.parts import free_name, parameters, part_names
 from cagesdf.editing.script import (
     Add,
     Axis,
@@ -82,6 +82,7 @@ class Taken:
     structure: Structure  # with cuboids, canonical
     latent: Float32[ndarray, " d"]
     similarity: Similarity  # raw → canonical
+    truth: Mesh  # its own surface, canonical
     verdict: str  # whether it is like those that the network was trained on
 
 
@@ -119,6 +120,7 @@ class Tab:
         self._coloured: tuple[Structure, dict[str, Colour]] | None = None
         self._made: Made | None = None
         self._shapes: dict[str, Document] = {}  # that were made here, by name, newest first
+        self._uploaded: dict[str, Mesh] = {}  # true surfaces of those from files, canonical, by name
         self._pictures: list[tuple[State, Any]] = []  # thumbnails that wait for their surface
         self._problem: Any = None  # the notification of the last one
         self._sliding: tuple[object, ...] = ()  # the control whose last operation is replaced while it moves on
@@ -131,7 +133,6 @@ class Tab:
                 undo=self._undo,
                 redo=self._redo,
                 reset=self._reset,
-                select=self._choose,
                 place=self._place,
                 lengths=self._lengths,
                 angles=self._angles,
@@ -159,7 +160,6 @@ class Tab:
             len(opened.styles.directions),
             opened.session.styles.by_part,
             opened.generator is not None,
-            opened.truth(opened.first) is not None,
             self._guarded,
         )
         self._parts = PartList(client, self._pick, self._act, self._guarded)
@@ -209,9 +209,17 @@ class Tab:
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
         if made.cells == FINE:
             health = Health.of(made.found, state, made.cells)
-            self._panel.show_health(str(health), health.warnings())
+            self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
             self._picture(made)
-        self._say(f"surface of {made.cells} cells in {made.seconds:.2f} s, {made.found.asked:,} points asked")
+        self._say(f"{made.cells} cells in {made.seconds:.2f} s")
+
+    def _nearness(self, mesh: Mesh) -> str:
+        """How far a canonical surface is from that of the file that the shape comes from."""
+        truth = self._uploaded.get(self._document.name)
+        if truth is None or not len(mesh.faces):
+            return ""
+        distance = SurfaceDistance(truth).unsigned(mesh.vertices).mean() / self._document.state.similarity.scale
+        return f"; {distance:.2g} from the file's surface on average"
 
     def _picture(self, made: Made) -> None:
         """The surface in the thumbnails that wait for it."""
@@ -269,8 +277,6 @@ class Tab:
         self._stage.show_handles(one if tool == "Resize" else None)
         colours = self._colours(state)
         self._parts.show(state, colours, self._selected, self._hidden, self._locked)
-        groups = [label for label, count in Counter(state.structure.labels().values()).items() if label and count > 1]
-        self._panel.show_parts([*names.values(), *groups], label_of(names, self._selected) if one is not None else None)
         unit = state.similarity
         self._panel.show_cuboid(
             None if one is None else unit.to_raw(one.centre[None])[0],
@@ -282,7 +288,9 @@ class Tab:
         self._panel.show_program(values, grouped(state.structure, values))
         self._panel.show_style(self._opened.styles.places(state.latent))
         self._panel.show_shapes([*self._shapes], self._document.name)
-        self._stage.show_truth(self._opened.truth(self._document.name), self._panel.truth.value)
+        truth = self._uploaded.get(self._document.name) or self._opened.truth(self._document.name)
+        self._panel.truth.visible = truth is not None
+        self._stage.show_truth(truth, self._panel.truth.value)
 
     def _frame(self, state: State) -> tuple[Float[ndarray, " 3"] | None, Float[ndarray, "3 3"]]:
         """Where the gizmo is, and its axes: the cuboid's own, or the user's around several."""
@@ -305,9 +313,6 @@ class Tab:
             self._select(tuple(part for part in self._selected if part not in parts))
         else:
             self._select(tuple(dict.fromkeys((*self._selected, *parts))))
-
-    def _choose(self, name: str) -> None:
-        self._select(() if name == NOTHING else select(self._document.state.structure, name))
 
     def _select(self, parts: tuple[str, ...]) -> None:
         self._selected = parts
@@ -679,7 +684,9 @@ class Tab:
             styles = self._opened.session.styles
             build = Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers()))
             document = self._document.then(build, styles).then(Style(code=tuple(taken.latent.tolist())), styles)
-            self._remember(document.named(self._new_name(PurePosixPath(name).stem)))
+            document = document.named(self._new_name(PurePosixPath(name).stem))
+            self._uploaded[document.name] = taken.truth
+            self._remember(document)
         self._client.add_notification(name, f"{len(self._document.state.cage)} cuboids; {taken.verdict}")
 
     def _upload_program(self, name: str, content: bytes) -> None:

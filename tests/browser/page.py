@@ -1,6 +1,7 @@
 """The editor's page as a visitor sees it: what is read, typed, clicked and dragged there."""
 
 import json
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -128,7 +129,8 @@ class EditorPage:
         box.press("Enter")
 
     def select(self, part: str) -> None:
-        self.choose("Part", part)
+        """By the list."""
+        self.page.get_by_role("button", name=re.compile(rf"^(▸ )?{re.escape(part)}$")).click()
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
     def drawn(self, frames: int = 3) -> None:
