@@ -19,7 +19,6 @@ from cagesdf.errors import InputError
 from cagesdf.viewing.framing import VIEWS, camera_for
 from cagesdf.viewing.tab import Opened, Tab
 
-TOWARDS = np.array([1.25, 0.75, 2.05])  # the camera at first; canonical
 PORTS = range(8080, 8180)  # that are tried where none is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Pages of this machine, and what is no page.

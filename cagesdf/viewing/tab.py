@@ -222,12 +222,11 @@ class Tab:
         return f"; {distance:.2g} from the file's surface on average"
 
     def _picture(self, made: Made) -> None:
-        """The surface in the thumbnails that wait for it."""
-        for state, image in self._pictures:
-            if state is made.state and len(made.found.mesh.faces):
-                [pictures], _ = render_rows([[Scene(meshes=(made.found.mesh,), colours=(CLAY,))]], PICTURE)
-                image.image = side_by_side(pictures, 1)
+        """Have the surface drawn for the thumbnails that wait for it: in a process, for which nobody waits."""
+        waiting = [image for state, image in self._pictures if state is made.state]
         self._pictures = [pair for pair in self._pictures if pair[0] is not made.state]
+        if waiting and len(made.found.mesh.faces):
+            threading.Thread(target=_draw, args=(made.found.mesh, waiting), name="thumbnail", daemon=True).start()
 
     def _say(self, text: str) -> None:
         self._panel.status.value = text
@@ -590,9 +589,8 @@ class Tab:
     def _remember(self, document: Document) -> None:
         """A shape that was made here: in the list, with a thumbnail, and open."""
         self._shapes = {document.name: document, **self._shapes}
-        colours = (CLAY,) * len(document.state.cage)
-        [pictures], _ = render_rows([[Scene(cage=document.state.cage, cage_colours=colours)]], PICTURE)
-        image = self._panel.add_made(document.name, side_by_side(pictures, 1), lambda: self._take(document))
+        blank = np.full((PICTURE, PICTURE, 3), 255, np.uint8)
+        image = self._panel.add_made(document.name, blank, lambda: self._take(document))
         self._pictures.append((document.state, image))
         self._take(document)
 
@@ -692,6 +690,13 @@ class Tab:
     def _upload_program(self, name: str, content: bytes) -> None:
         document = self._built(of_program(files.program_of(name, content), self._opened.session.run))
         self._remember(document.named(self._new_name(PurePosixPath(name).stem)))
+
+
+def _draw(mesh: Mesh, images: Sequence[Any]) -> None:
+    """A surface in some thumbnails."""
+    [pictures], _ = render_rows([[Scene(meshes=(mesh,), colours=(CLAY,))]], PICTURE)
+    for image in images:
+        image.image = side_by_side(pictures, 1)
 
 
 def _only(cage: Cage, parts: Sequence[str]) -> Cage:
