@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import programs
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from test_editing_attachments import STYLES, box, chair, do, state_of, stool
+from viser import ClientHandle
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.document import Document
@@ -24,6 +26,7 @@ from cagesdf.viewing.framing import FILLED, VIEWS, camera_for, world_per_pixel
 from cagesdf.viewing.keys import CAMERA_KEYS, KEYS, card
 from cagesdf.viewing.opening import named
 from cagesdf.viewing.parameters import grouped, plain
+from cagesdf.viewing.scene import Stage
 
 boxes = st.builds(
     box, st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.tuples(*[st.floats(0.05, 0.9)] * 3), st.floats(-80, 80)
@@ -44,6 +47,33 @@ def test_the_camera_sees_all_of_a_cage_and_no_smaller_than_it_must(
     assert (depth > 0).all()
     share = np.maximum(np.abs(x) / aspect, np.abs(y)) / (depth * np.tan(fov / 2))
     assert share.max() == pytest.approx(FILLED)
+
+
+class CameraLikeViser:
+    """Takes the point that it looks at along when it moves, as viser's camera does."""
+
+    def __init__(self) -> None:
+        self._position, self.look_at = np.array([3.0, 3.0, 3.0]), np.zeros(3)
+        self.fov, self.aspect, self.image_height = 1.3, 1.5, 600
+        self.on_update = Mock()
+
+    @property
+    def position(self) -> np.ndarray:
+        return self._position
+
+    @position.setter
+    def position(self, value: np.ndarray) -> None:
+        self.look_at, self._position = self.look_at + value - self._position, value
+
+
+@pytest.mark.parametrize("view", sorted(VIEWS))
+def test_a_view_looks_at_the_middle_of_the_cage_from_where_it_says(view: str) -> None:
+    client, camera = MagicMock(spec=ClientHandle), CameraLikeViser()
+    client.camera, client.scene = camera, MagicMock()
+    Stage(client, Mock(), Mock(), Mock()).frame(stool().cage, view)
+    position, target = camera_for(stool().cage, np.array(VIEWS[view]), camera.fov, camera.aspect)
+    np.testing.assert_allclose(camera.position, position)
+    np.testing.assert_allclose(camera.look_at, target)
 
 
 def test_what_is_twice_as_far_is_half_as_large() -> None:

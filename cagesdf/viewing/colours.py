@@ -24,8 +24,9 @@ def groups(state: State) -> dict[str, int]:
     words: dict[str, str] = {}
     for part, name in names.items():
         word = labels[part] or NUMBER.sub("", name) or name
-        # An unlabelled program calls its cuboids cube1, cube2: these are no kinds.
-        words[part] = f"{part}\n" if not labels[part] and word in ("cube", "part") else word
+        # An unlabelled program calls its cuboids cube1, cube2, in blocks of it Block/cube1: these are no kinds.
+        kind = bool(labels[part]) or word.rpartition("/")[2] not in ("cube", "part")
+        words[part] = word if kind else f"{part}\n"
     number: dict[str, int] = {}
     for part in names:
         if part not in number:

@@ -36,6 +36,7 @@ class Actions:
     angles: Callable[[tuple[float, float, float]], None]  # degrees; see `angles.angles_of`
     redraw: Callable[[], None]  # what is shown changed, not the shape
     look: Callable[[], None]  # the same surface is to be seen otherwise
+    darken: Callable[[], None]  # the page is to be dark, or light
     view: Callable[[str], None]  # from one of `framing.VIEWS`
     help: Callable[[], None]
     open_run: Callable[[str], None]
@@ -72,6 +73,7 @@ class Panel:
     shown: Any
     truth: Any
     look: Any
+    dark: Any
     mark: Any
     group: Any
     parameter: Any
@@ -99,7 +101,7 @@ class Panel:
         gui = self._gui = client.gui
         self._guard = guard
         gui.main_panel.dock_right()
-        self._theme(dark=False)
+        self.theme(dark=False)
         gui.set_panel_label("cagesdf")
         gui.add_markdown(HELLO)
         self._shapes = tuple(shapes)
@@ -127,7 +129,8 @@ class Panel:
         with gui.add_folder("Details", expand_by_default=False):
             self.mark = gui.add_text("Mark", "", disabled=True, hint="of the surface's bytes: equal ones, equal marks")
 
-    def _theme(self, dark: bool) -> None:
+    def theme(self, dark: bool) -> None:
+        """A dark page or a light one."""
         self._gui.configure_theme(
             show_logo=False, show_share_button=False, control_width="large", brand_color=BRAND, dark_mode=dark
         )
@@ -142,8 +145,8 @@ class Panel:
         self._on(self.truth, actions.redraw)
         views = gui.add_button_group("From", tuple(VIEWS))
         views.on_click(lambda _: self._guard(lambda: actions.view(views.value)))
-        dark = gui.add_checkbox("Dark", False)
-        self._on(dark, lambda: self._theme(dark.value))
+        self.dark = gui.add_checkbox("Dark", False)
+        self._on(self.dark, actions.darken)
         keys = gui.add_button("Keys", icon=viser.Icon.KEYBOARD)
         keys.on_click(lambda _: self._guard(actions.help))
 

@@ -12,7 +12,7 @@ from cagesdf.structure.base import Structure
 from cagesdf.viewing.colours import Colour
 
 WIDTH = 250  # pixels
-LONGEST = 28  # letters of a folder's name
+LONGEST = 22  # letters of a folder's name
 
 
 class PartList:
@@ -81,7 +81,7 @@ class PartList:
             if child in names:
                 self._buttons[child] = self._button(names[child], (child,), colours[child])
             else:
-                with self._gui.add_folder(_called(structure, child, names)):
+                with self._gui.add_folder(_called(structure, child)):
                     self._add(structure, child, names, colours)
 
     def _button(self, label: str, parts: tuple[str, ...], colour: Colour | None) -> Any:
@@ -90,13 +90,13 @@ class PartList:
         return button
 
 
-def _called(structure: Structure, node: str, names: Mapping[str, str]) -> str:
-    """A group by what is in it: legs and stretchers are "leg, stretcher"."""
+def _called(structure: Structure, node: str) -> str:
+    """A group by what is in it: legs and stretchers are "leg, stretcher"; by its own name where that has no labels."""
     labels = structure.labels()
 
     def words(node: str) -> list[str]:
         children = structure.children(node)
-        return [word for child in children for word in words(child)] if children else [labels[node] or names[node]]
+        return [word for child in children for word in words(child)] if children else [labels[node]]
 
-    text = ", ".join(dict.fromkeys(words(node)))
+    text = ", ".join(dict.fromkeys(word for word in words(node) if word)) or node
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -22,6 +22,11 @@ BOX_OPACITY = 0.1
 EDGE_WIDTH, OUTLINE_WIDTH = 1.5, 4.0  # pixels
 GIZMO_PIXELS, HANDLE_PIXELS = 90, 8  # an arrow's length and a handle's radius on the screen
 BESIDE = 1.6  # canonical: from the surface to the true one beside it
+# Lines between cells and sections of the ground, on a light page and a dark one.
+GROUND: dict[bool, tuple[Colour, Colour]] = {
+    False: ((236, 235, 232), (222, 220, 214)),
+    True: ((42, 42, 44), (58, 58, 62)),
+}
 TOOLS = ("Move", "Turn", "Resize")
 LOOKS = ("Parts", "Clay", "Wireframe")
 
@@ -72,9 +77,10 @@ class Stage:
         # Clicks are those of the whole scene: boxes that listened would keep the mouse from a gizmo behind them.
         self._scene.on_click()(lambda event: self._clicked(event, more=False))
         self._scene.on_click(modifier="shift")(lambda event: self._clicked(event, more=True))
+        cells, sections = GROUND[False]
         self._ground = self._scene.add_grid(
-            "/ground", 4.0, 4.0, plane="xz", cell_size=0.2, section_size=1.0, cell_color=(236, 235, 232),
-            section_color=(222, 220, 214), fade_distance=6.0,
+            "/ground", 4.0, 4.0, plane="xz", cell_size=0.2, section_size=1.0, cell_color=cells,
+            section_color=sections, fade_distance=6.0,
         )  # fmt: skip
 
         async def looked(_: Any) -> None:
@@ -97,7 +103,8 @@ class Stage:
         position, target = camera_for(cage, direction, camera.fov, camera.aspect)
         self._framed, self._places = (cage, camera.aspect), (*self._places[-1:], position)
         with self._client.atomic():
-            camera.look_at, camera.position = target, position
+            camera.position = position  # viser takes what is looked at along
+            camera.look_at = target
 
     def _fit(self) -> None:
         """Frame the cage again where the view has another shape, until somebody looks from elsewhere."""
@@ -127,6 +134,10 @@ class Stage:
                     node.scale = scale
 
     # What is seen
+
+    def show_dark(self, dark: bool) -> None:
+        """The ground's lines for a dark page or a light one."""
+        self._ground.cell_color, self._ground.section_color = GROUND[dark]
 
     def show_ground(self, cage: Cage) -> None:
         """The ground, where a cage stands."""

@@ -138,6 +138,7 @@ class Tab:
                 angles=self._angles,
                 redraw=self._redraw,
                 look=self._look,
+                darken=self._darken,
                 view=self._view,
                 help=self._help,
                 open_run=open_run,
@@ -207,11 +208,11 @@ class Tab:
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
         self._panel.mark.value = f"{made.cells} cells, {mark}"
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
+        self._say(f"{made.cells} cells in {made.seconds:.2f} s")
         if made.cells == FINE:
             health = Health.of(made.found, state, made.cells)
             self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
             self._picture(made)
-        self._say(f"{made.cells} cells in {made.seconds:.2f} s")
 
     def _nearness(self, mesh: Mesh) -> str:
         """How far a canonical surface is from that of the file that the shape comes from."""
@@ -372,6 +373,10 @@ class Tab:
     def _next_look(self) -> None:
         self._panel.look.value = LOOKS[(LOOKS.index(self._panel.look.value) + 1) % len(LOOKS)]
         self._look()
+
+    def _darken(self) -> None:
+        self._panel.theme(self._panel.dark.value)
+        self._stage.show_dark(self._panel.dark.value)
 
     def _toggle_cuboids(self) -> None:
         self._panel.shown.value = not self._panel.shown.value

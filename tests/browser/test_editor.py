@@ -449,6 +449,7 @@ def test_looks_views_the_dark_and_other_runs(visit: Visit, editor: Editor) -> No
         return np.abs(seen.position - seen.look_at)
 
     page.until(lambda: way()[0] > 10 * way()[1:].max(), "a view from the side")
+    assert np.abs(camera_of(editor).look_at).max() < 0.5
     tabs = editor.tabs
     page.choose("Run", "again")
     page.until(lambda: page.value("Run") == "again" and page.value("Mark").startswith("128"), "the other run")
