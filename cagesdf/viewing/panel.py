@@ -35,6 +35,7 @@ class Actions:
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
     angles: Callable[[tuple[float, float, float]], None]  # degrees; see `angles.angles_of`
     redraw: Callable[[], None]  # what is shown changed, not the shape
+    compare: Callable[[], None]  # more or less of the true surface is to be seen
     look: Callable[[], None]  # the same surface is to be seen otherwise
     darken: Callable[[], None]  # the page is to be dark, or light
     view: Callable[[str], None]  # from one of `framing.VIEWS`
@@ -142,7 +143,7 @@ class Panel:
         self.shown = gui.add_checkbox("Show cuboids", True)
         self._on(self.shown, actions.redraw)
         self.truth = gui.add_slider("True shape", 0.0, 1.0, 0.05, 0.0)
-        self._on(self.truth, actions.redraw)
+        self._on(self.truth, actions.compare)
         views = gui.add_button_group("From", tuple(VIEWS))
         views.on_click(lambda _: self._guard(lambda: actions.view(views.value)))
         self.dark = gui.add_checkbox("Dark", False)

@@ -21,7 +21,7 @@ from cagesdf.viewing.picking import along
 BOX_OPACITY = 0.1
 EDGE_WIDTH, OUTLINE_WIDTH = 1.5, 4.0  # pixels
 GIZMO_PIXELS, HANDLE_PIXELS = 90, 8  # an arrow's length and a handle's radius on the screen
-BESIDE = 1.6  # canonical: from the surface to the true one beside it
+BESIDE = (1.6, 0.0, 0.0)  # canonical: from the surface to the true one beside it
 # Lines between cells and sections of the ground, on a light page and a dark one.
 GROUND: dict[bool, tuple[Colour, Colour]] = {
     False: ((236, 235, 232), (222, 220, 214)),
@@ -299,7 +299,7 @@ class Stage:
         if mesh is not None and opacity > 0:
             self._truth = self._scene.add_mesh_simple(
                 "/truth", mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32), color=rgb(CLAY),
-                opacity=opacity if opacity < 1 else None, position=(BESIDE, 0.0, 0.0),
+                opacity=opacity if opacity < 1 else None, position=BESIDE,
             )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -61,7 +61,7 @@ from cagesdf.viewing.parameters import grouped
 from cagesdf.viewing.partlist import PartList
 from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
-from cagesdf.viewing.scene import LOOKS, TOOLS, Stage, label_of
+from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
 from cagesdf.viewing.snapping import snapped
 from cagesdf.viewing.styles import StyleSpace
 from cagesdf.viewing.worker import FINE, Made, Worker
@@ -137,6 +137,7 @@ class Tab:
                 lengths=self._lengths,
                 angles=self._angles,
                 redraw=self._redraw,
+                compare=self._compare,
                 look=self._look,
                 darken=self._darken,
                 view=self._view,
@@ -365,6 +366,13 @@ class Tab:
 
     def _view(self, view: str) -> None:
         self._stage.frame(self._document.state.cage, view)
+
+    def _compare(self) -> None:
+        """The true surface beside the other, and both in view."""
+        self._redraw()
+        cage = self._document.state.cage
+        beside = {f"{part} beside": replace(own, centre=own.centre + BESIDE) for part, own in cage.cuboids().items()}
+        self._stage.frame(Cage.of({**cage.cuboids(), **(beside if self._panel.truth.value > 0 else {})}))
 
     def _frame_selection(self) -> None:
         cage = self._document.state.cage
