@@ -1,6 +1,6 @@
 """Gains of mixing by part, against both truths: the table of docs/styles.md.
 
-    OMP_NUM_THREADS=1 python benchmarks/mixing.py [data] [--category chair] [--mixes 24] [--resolution 64]
+    OMP_NUM_THREADS=1 python -m benchmarks.mixing [data] [--category chair] [--mixes 24] [--resolution 64]
 
 reads the default run's raw files, shapes, sequences and arm `cagesdf`. Two shapes of a family and a label whose parts
 differ between their styles are drawn; the first shape takes the second one's style in the parts of that label. The gain

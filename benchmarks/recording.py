@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import FloatRect, sync_playwright
 
 from cagesdf.api.sources import imported
 from cagesdf.cuboid import Cuboid
@@ -44,7 +44,7 @@ def top(cuboid: Cuboid) -> tuple[np.ndarray, np.ndarray]:
     return handle_place(cuboid, axis, side), side * cuboid.axes[axis]
 
 
-def frames(page: EditorPage, camera: Camera, cuboid: Cuboid, crop: dict[str, float]) -> list[Image.Image]:
+def frames(page: EditorPage, camera: Camera, cuboid: Cuboid, crop: FloatRect) -> list[Image.Image]:
     """Screenshots of a drag there and back."""
     handle, up = top(cuboid)
     start = np.array(page.pixel(handle, camera))
@@ -97,7 +97,7 @@ def main() -> None:
             canvas = page.page.locator("canvas").first.bounding_box()
             assert canvas is not None
             width, height = canvas["width"], canvas["height"]
-            crop = {"x": 0.2 * width, "y": 0.1 * height, "width": 0.55 * width, "height": 0.75 * height}
+            crop = FloatRect(x=0.2 * width, y=0.1 * height, width=0.55 * width, height=0.75 * height)
             pictures = frames(page, camera, state.cage[part], crop)
         browser.close()
     first, *others = [picture.quantize(COLOURS, dither=Image.Dither.NONE) for picture in pictures]

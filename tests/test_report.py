@@ -423,9 +423,7 @@ def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
 
 
 def make(data: Path, name: str) -> tuple[Path, Path]:
-    kinds = ("scores", "meshes", "runs", "shapes", "cuboids", "sequences", "trials", "edits", "progress")
-    kinds += ("generated", "generation")
-    report.main(*(data / kind for kind in kinds), data / name / "metrics", data / name / "report", REPORT)
+    report.main(data, data / name / "metrics", data / name / "report", REPORT)
     return data / name / "metrics" / "tables.json", data / name / "report" / "index.html"
 
 

@@ -16,9 +16,6 @@ def plan(*, profile: str | None = None) -> None:
     profile
         One of profiles/, such as paper; without it, the default run.
     """
-    from cagesdf.io.points import CHUNK
-    from cagesdf.training.points import BYTES_A_POINT
-
     try:
         from pipeline.errors import PipelineError
         from pipeline.planning import Groups
@@ -30,6 +27,9 @@ def plan(*, profile: str | None = None) -> None:
                 "pip install -e '.[pipeline]'"
             ) from error
         raise
+    from cagesdf.io.points import CHUNK
+    from cagesdf.training.points import BYTES_A_POINT
+
     try:
         with TemporaryDirectory() as folder:
             print("\n".join(estimated(profile, Path(folder), Groups(CHUNK, BYTES_A_POINT))))

@@ -49,7 +49,7 @@ def write_page(
     pictures, drawn_by = _draw(grids, size, processes)
     views = path.parent / "views"
     views.mkdir()
-    addresses = write_views(views, named)
+    addresses = write_views(views, named, processes)
     filled = iter([_filled(*each) for each in zip(grids, pictures, addresses)])
     names = [category.name for category in categories]
     environment = Environment(
