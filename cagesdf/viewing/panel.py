@@ -162,7 +162,7 @@ class Panel:
         self.angles = gui.add_vector3(
             "Rotation (degrees)",
             (0.0, 0.0, 0.0),
-            step=1.0,
+            step=0.1,
             disabled=True,
             hint="about x, then its own y, then its own z",
         )

@@ -282,7 +282,7 @@ class Tab:
         self._panel.show_cuboid(
             None if one is None else unit.to_raw(one.centre[None])[0],
             None if one is None else one.size[[state.own_axis(axis)[0] for axis in AXES]] / unit.scale,
-            None if one is None else angles_of(state, one),
+            None if one is None else angles_of(state, one).round(2),
         )
         placed = state.structure.placed_program()
         values = {} if placed is None else parameters(placed[0])
