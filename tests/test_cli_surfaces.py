@@ -304,3 +304,19 @@ def test_scripts_are_read_as_other_systems_write_them(
     (tmp_path / "a.json").write_text('[{"op": "undo"}]\r\n', encoding=encoding)
     complaint = command.complaint("edit", chairs, "chair_1", tmp_path / "a.json", tmp_path / "a.ply")
     assert complaint.endswith("script: operation 0: undo: there is nothing to take back")
+
+
+def test_loose_pieces_are_dropped_from_edits_too_and_the_thinnest_part_is_told(
+    command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    script = write_script(tmp_path, {"op": "move", "part": "seat", "by": [0, 0, 1.5], "mirror": False})
+    told = {
+        loose: json.loads(
+            command("edit", chairs, "chair_1", script, tmp_path / "out.ply", "--resolution", "24", "--loose", loose)
+        )
+        for loose in ("keep", "drop")
+    }
+    assert told["keep"]["components"] == told["drop"]["components"] + told["drop"]["dropped"]
+    assert told["drop"]["dropped"] > 0
+    assert told["keep"]["cells"] > 2
+    assert told["keep"]["thickness"] > 0
