@@ -126,6 +126,8 @@ def mix(
     out: OutFile,
     /,
     *,
+    weight: float = 1.0,
+    source: Annotated[str | None, Parameter(name="--from")] = None,
     resolution: Resolution = 128,
     symmetry: Symmetry = "none",
     loose: Loose = "keep",
@@ -142,6 +144,10 @@ def mix(
     parts
         One or more of PART=SHAPE, such as 'leg_*=chair_0007' or 'seat|back=chair_0003': which parts take the style of
         which training shape's corresponding parts. Parts that mirror or repeat these follow.
+    weight
+        How far the parts go towards those styles: 0 stays, 1 arrives.
+    source
+        Parts of the other shapes whose styles are taken, such as leg; without it, those that correspond.
     """
     pairs = [text.rpartition("=") for text in parts]
     if wrong := next((text for text, (part, _, style_of) in zip(parts, pairs) if not part or not style_of), None):
@@ -149,7 +155,7 @@ def mix(
     work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
     shape = work.run.open(cuboids_of)
     for part, _, style_of in pairs:
-        shape.mix(part, style_of)
+        shape.mix(part, style_of, source=source, weight=weight)
     work.write(shape)
 
 
