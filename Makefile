@@ -4,6 +4,7 @@ PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 REPRO := python -m pipeline.lanes
 PIP := .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+CPU_INDEX := https://download.pytorch.org/whl/cpu
 
 # Values go to commands through the environment, as they were typed: neither make nor the shell expands what is in them.
 override DATA := $(value DATA)
@@ -23,10 +24,17 @@ help:
 	@echo 'make demo                           train what cagesdf view --demo opens'
 	@echo 'make test                           the tests'
 	@echo 'make check                          ruff and mypy'
+	@echo 'Each takes TORCH=cpu: on Linux torch without CUDA, which is gigabytes, from an index of its own'
 
 .venv/installed: pyproject.toml constraints.txt
 	test -x .venv/bin/python || $(PYTHON) -m venv .venv
-	$(PIP) -e .
+ifeq ($(TORCH),cpu)
+	$(PIP) --no-deps --index-url $(CPU_INDEX) torch
+else
+	@.venv/bin/python -c 'import importlib.util, sys; found = importlib.util.find_spec("torch"); \
+	sys.platform != "linux" or found or print("torch for Linux comes with gigabytes of CUDA; without a GPU: make TORCH=cpu")'
+endif
+	$(PIP) -e '.[pipeline,report]'
 	touch $@
 
 .venv/installed-dev: .venv/installed

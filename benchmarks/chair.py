@@ -25,7 +25,10 @@ def chair(faces: int) -> tuple[Mapping[str, Mesh], Cage]:
     """Closed part meshes by name, about `faces` faces in all, and their cuboids; canonical."""
     bar = faces / (len(BARS) + PLATE * len(PLATES))
     boxes = PLATES | BARS
-    meshes = {name: rounded_box(*boxes[name], bar * (PLATE if name in PLATES else 1)) for name in boxes}
+    meshes = {
+        name: rounded_box(centre, size, bar * (PLATE if name in PLATES else 1))
+        for name, (centre, size) in boxes.items()
+    }
     similarity = canonical_similarity(np.concatenate([mesh.vertices for mesh in meshes.values()]), "y")
     cage = Cage.of({name: Cuboid(np.array(c, float), np.eye(3), np.array(s, float)) for name, (c, s) in boxes.items()})
     placed = {name: mesh.with_vertices(similarity.to_canonical(mesh.vertices)) for name, mesh in meshes.items()}

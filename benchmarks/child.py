@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -15,9 +16,9 @@ PATIENCE = 20  # seconds
 
 
 def ask(script: str, *arguments: object) -> dict[str, Any] | str:
-    """What the script prints as JSON in its last line when called so; or the last line of its error."""
+    """What a script of this folder prints as JSON in its last line when called so; or the last line of its error."""
     threads = dict.fromkeys(("IGL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    command = [sys.executable, script, *map(str, arguments)]
+    command = [sys.executable, "-m", f"benchmarks.{Path(script).stem}", *map(str, arguments)]
     try:
         run = subprocess.run(command, capture_output=True, text=True, env=os.environ | threads, timeout=LIMIT)
     except subprocess.TimeoutExpired:

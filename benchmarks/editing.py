@@ -1,6 +1,6 @@
 """How long an edit takes until its surface is there, as an editor makes it: operation by operation.
 
-    python benchmarks/editing.py data/runs/chair/cagesdf data/runs/table/cagesdf data/runs/vase/cagesdf [--edits 200]
+    python -m benchmarks.editing data/runs/chair/cagesdf data/runs/table/cagesdf data/runs/vase/cagesdf [--edits 200]
 
 draws edits of every kind from all runs, ten of each shape after the other, asks cuboids in `--threads` threads, and
 prints a Markdown table: milliseconds from the operation to the surface on the clock, and of processor time, which
@@ -15,6 +15,7 @@ import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -37,6 +38,7 @@ KINDS = {
     "a style": ("swap", "blend"),
     "a parameter": ("set",),
 }
+AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 OPERATIONS = ("set", "move", "resize", "rotate", "swap", "blend")  # the first, of shapes that have programs
 SIZES = ((COARSE, PREVIEW), (256, USUAL))
 
@@ -44,7 +46,7 @@ SIZES = ((COARSE, PREVIEW), (256, USUAL))
 def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:
     """An edit as people make them: a tenth of the shape's size, a third of a length, 20 degrees; or another style."""
     part = str(rng.choice(state.cage.part_ids))
-    axis = "xyz"[rng.integers(3)]
+    axis = AXES[rng.integers(3)]
     style = str(rng.choice([*session.styles.shapes]))
     placed = state.structure.placed_program()
     match OPERATIONS[rng.integers(placed is None, len(OPERATIONS))]:

@@ -1,9 +1,9 @@
 """What extraction costs and keeps: the tables of docs/extraction.md.
 
-    OMP_NUM_THREADS=1 python benchmarks/extraction.py methods [--shapes 8]
-    OMP_NUM_THREADS=1 python benchmarks/extraction.py memory chair 0
-    OMP_NUM_THREADS=1 python benchmarks/extraction.py fineness [--shapes 4]
-    OMP_NUM_THREADS=1 python benchmarks/extraction.py latency [--edits 200]
+    OMP_NUM_THREADS=1 python -m benchmarks.extraction methods [--shapes 8]
+    OMP_NUM_THREADS=1 python -m benchmarks.extraction memory chair 0
+    OMP_NUM_THREADS=1 python -m benchmarks.extraction fineness [--shapes 4]
+    OMP_NUM_THREADS=1 python -m benchmarks.extraction latency [--edits 200]
 
 reads the run of the arm `--arm`, cagesdf if it isn't given, in `--runs`, data/runs if it isn't. Seconds are of one
 thread's processor time; in `latency`, which edits cuboids alone, they pass on the clock, and manifold3d takes the

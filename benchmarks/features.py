@@ -1,6 +1,6 @@
 """Whether the features that generated shapes are compared in see what makes a shape: style, noise, missing parts.
 
-    python benchmarks/features.py [chair table vase] [--features data/features] [--shapes 256] [--few 32]
+    python -m benchmarks.features [chair table vase] [--features data/features] [--shapes 256] [--few 32]
 
 prints a Markdown table: FD and KPD between `--shapes` drawn references and as many other shapes, as they are drawn and
 changed in one way each, the same cages every time; ± is the standard deviation over five sets as drawn. Then the same
@@ -57,7 +57,8 @@ def mixed(recipes: Sequence[Recipe], i: int, rng: np.random.Generator) -> list[M
 
 
 def permuted(recipes: Sequence[Recipe], i: int, rng: np.random.Generator) -> list[Mesh]:
-    family = [recipe for recipe in recipes if recipe.family == recipes[i].family]
+    kin = (recipes[i].category, recipes[i].family)
+    family = [recipe for recipe in recipes if (recipe.category, recipe.family) == kin]
     return recipe_parts(recipes[i], family[int(rng.integers(len(family)))])
 
 

@@ -1,6 +1,6 @@
 """How well shapes that were not trained on are fitted, against those that were.
 
-    python benchmarks/fit_codes.py [chair table vase] [--runs data/runs] [--arm cagesdf] [--source FOLDER]
+    python -m benchmarks.fit_codes [chair table vase] [--runs data/runs] [--arm cagesdf] [--source FOLDER]
 
 prints a Markdown table: a row a category for its validation shapes, and with `--source` for the shapes in a folder, by
 the network of the first category. Training shapes are measured at rest, as many as there are validation shapes,
@@ -16,14 +16,15 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Any
 
-import child
 import numpy as np
 
+from benchmarks import child
 from cagesdf import inference
 from cagesdf.api.sources import IMPORT
 from cagesdf.deformation import Trilinear
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.evaluation.reconstruction import score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract, field_of
 from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.importing import import_shape

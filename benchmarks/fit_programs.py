@@ -1,6 +1,6 @@
 """How fast programs are fitted, and how well, beside the paper's appendix to the letter.
 
-    python benchmarks/fit_programs.py --programs FOLDER --shapes 100 --adam 12
+    python -m benchmarks.fit_programs --programs FOLDER --shapes 100 --adam 12
 
 takes programs (*.txt) of a folder, by default those of `make repro`, and makes parts for them: each leaf's
 cuboid is scaled and moved by some per cent, and a rounded body put into it that touches its six faces. It

@@ -1,6 +1,6 @@
 """Mutated files through the readers, thousands of each format of tests/mutants.py.
 
-    python benchmarks/fuzz_readers.py [FORMAT …] [--count 10000] [--seed 0]
+    python -m benchmarks.fuzz_readers [FORMAT …] [--count 10000] [--seed 0]
 
 prints a row for each format: how many were read and refused, the longest time and the most memory that one took. A
 mutant that raises anything else, or takes longer than SECONDS, is kept in the folder that the last line names; the

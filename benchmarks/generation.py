@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 import torch
@@ -53,7 +54,7 @@ def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[
             for threads, spent in seconds.items():
                 clock = time.process_time if threads == 1 else time.perf_counter
                 start = clock()
-                drawn = [(i, None) for i in range(shapes)]
+                drawn: list[tuple[int, Any]] = [(i, None) for i in range(shapes)]
                 if has_cuboids(run):
                     generator = read_generator(data / "programs" / category).generator
                     samples = draw_cages(generator, rng_of(turn), shapes, 1.0)

@@ -74,13 +74,13 @@ def rows(judge: Judge, data: Path, category: str) -> list[str]:
     turn = max(TURNS, key=lambda degrees: int((judge(turned(reference, degrees))[1] == number).sum()))
     features, classes = judge(turned(reference, turn))
     named = f"{category}, turned by {turn}°: {np.mean(classes == number):.0%} of {len(classes)} references"
-    made = {"training shapes": sets["train"].points}
+    made = {"training shapes": np.asarray(sets["train"].points)}
     for folder in sorted((data / "generated" / category).iterdir()):
         generated = read_generated(folder)
         for method in generated.methods:
-            clouds = [cloud for cloud in generated.points(method).values() if len(cloud) >= POINTS]
-            if len(clouds) > 1:
-                made[f"`{folder.name}`, {method}"] = np.stack([cloud[:POINTS] for cloud in clouds])
+            whole = [cloud[:POINTS] for cloud in generated.points(method).values() if len(cloud) >= POINTS]
+            if len(whole) > 1:
+                made[f"`{folder.name}`, {method}"] = np.stack(whole)
     table = []
     for name, clouds in made.items():
         own, found = judge(turned(clouds, turn))

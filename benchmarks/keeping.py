@@ -1,6 +1,6 @@
 """Gains of warps without a network against the recipe's truth: the first table of docs/styles.md, "Details".
 
-    OMP_NUM_THREADS=1 python benchmarks/keeping.py [--category chair] [--swaps 40] [--seed 101]
+    OMP_NUM_THREADS=1 python -m benchmarks.keeping [--category chair] [--swaps 40] [--seed 101]
 
 draws shapes that no run has (the default run's are drawn by another generator), and swaps of cuboids and styles
 among them. The gain is that of docs/metrics.md: on the detail of the parts whose style changes, 1 is the truth and 0
@@ -18,7 +18,7 @@ import numpy as np
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.evaluation.edits import measure
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import box_warp, keep_warp, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.frames import Similarity

@@ -1,6 +1,6 @@
 """Gains of mixing by part, against both truths: the table of docs/styles.md.
 
-    OMP_NUM_THREADS=1 python benchmarks/mixing.py [data] [--category chair] [--mixes 24] [--resolution 64]
+    OMP_NUM_THREADS=1 python -m benchmarks.mixing [data] [--category chair] [--mixes 24] [--resolution 64]
 
 reads the default run's raw files, shapes, sequences and arm `cagesdf`. Two shapes of a family and a label whose parts
 differ between their styles are drawn; the first shape takes the second one's style in the parts of that label. The gain
@@ -30,7 +30,7 @@ from cagesdf.editing.script import Mix, Swap
 from cagesdf.editing.session import Session, state_field
 from cagesdf.editing.state import State
 from cagesdf.evaluation.edits import measure
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.extraction import Extraction

@@ -20,7 +20,8 @@ import numpy as np
 import torch
 
 from cagesdf.deformation import Trilinear
-from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.evaluation.reconstruction import score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
@@ -32,22 +33,25 @@ from stages import train
 CELLS = 128
 POINTS = 20_000
 DETAIL = 0.005
-TRIAL = 60  # steps that are timed first
+TRIAL = 200  # steps that are timed first
 ARMS = ("cagesdf", "cagesdf_global", "deepsdf_sine")
 COLUMNS = ("surface_distance", "surface_distance_detail", "nc_signed", "same_components", "same_genus")
 
 
 def trained(arm: str, category: str, out: Path, **changes: Any) -> float:
     """Train an arm with other parameters into `out`; returns the processor seconds."""
-    inputs = (Path("data") / name / category for name in ("points", "shapes", "cuboids", "sequences"))
+    points, shapes, cuboids, sequences = (
+        Path("data") / name / category for name in ("points", "shapes", "cuboids", "sequences")
+    )
     params = load(f"arms.{arm}").model_copy(update={"snapshots": (), "precision": "float32", **changes})
     begun = time.process_time()
-    train.main(*inputs, out, params)
+    train.main(points, shapes, cuboids, sequences, out, params)
     return time.process_time() - begun
 
 
 def steps_in(seconds: float, arm: str, category: str, folder: Path) -> int:
     """Steps of an arm that this machine does in so many seconds."""
+    trained(arm, category, folder / f"trial-{arm}-warm", steps=1)  # what the first training alone takes
     few, many = (trained(arm, category, folder / f"trial-{arm}-{n}", steps=n) for n in (1, 1 + TRIAL))
     return max(int(seconds * TRIAL / (many - few)), 1)
 

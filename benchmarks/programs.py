@@ -1,6 +1,6 @@
 """How fast ShapeAssembly programs are read, executed and differentiated, and whether they give the published cuboids.
 
-    python benchmarks/programs.py --programs FOLDER [--cuboids FILE.jsonl.gz]
+    python -m benchmarks.programs --programs FOLDER [--cuboids FILE.jsonl.gz]
 
 prints a Markdown table of one row, measured on one core: medians over repetitions. `--cuboids` has a JSON object with
 id and cuboids on each line, as `cagesdf execute` prints them; then each program that is off by more than 1e-4 in any

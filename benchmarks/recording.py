@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import FloatRect, sync_playwright
 
 from cagesdf.api.sources import imported
 from cagesdf.cuboid import Cuboid
@@ -44,7 +44,7 @@ def top(cuboid: Cuboid) -> tuple[np.ndarray, np.ndarray]:
     return handle_place(cuboid, axis, side), side * cuboid.axes[axis]
 
 
-def frames(page: EditorPage, camera: Camera, cuboid: Cuboid, crop: dict[str, float]) -> list[Image.Image]:
+def frames(page: EditorPage, camera: Camera, cuboid: Cuboid, crop: FloatRect) -> list[Image.Image]:
     """Screenshots of a drag there and back."""
     handle, up = top(cuboid)
     start = np.array(page.pixel(handle, camera))
@@ -80,7 +80,7 @@ def main() -> None:
     state = run.session.opened(shape)
     names = part_names(state.structure)
     part = next(part for part in names if arguments.label in names[part] or arguments.label in part)
-    with serving(run, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
+    with serving({"demo": run}, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
         with tempfile.TemporaryDirectory() as folder:
             page = EditorPage(browser.new_page(viewport={"width": 1000, "height": 640}), editor.address, Path(folder))
@@ -90,13 +90,14 @@ def main() -> None:
                 page.settled(before)
             page.page.locator("button.mantine-Notification-closeButton").first.click()  # of software rendering
             page.select(names[part])
+            page.choose("Tool", "Resize")
             page.drawn(10)
             client = next(iter(editor.server.get_clients().values())).camera
-            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov)
+            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov, client.image_height)
             canvas = page.page.locator("canvas").first.bounding_box()
             assert canvas is not None
             width, height = canvas["width"], canvas["height"]
-            crop = {"x": 0.2 * width, "y": 0.1 * height, "width": 0.55 * width, "height": 0.75 * height}
+            crop = FloatRect(x=0.2 * width, y=0.1 * height, width=0.55 * width, height=0.75 * height)
             pictures = frames(page, camera, state.cage[part], crop)
         browser.close()
     first, *others = [picture.quantize(COLOURS, dither=Image.Dither.NONE) for picture in pictures]

@@ -1,6 +1,6 @@
 """What the repair chain makes of shapes that were broken on purpose: the table of docs/repair.md.
 
-    python benchmarks/repair.py [--points 20000]
+    python -m benchmarks.repair [--points 20000]
 
 prints a row for each case of tests/broken.py; definitions in docs/repair.md.
 """

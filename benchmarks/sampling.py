@@ -1,6 +1,6 @@
 """How fast shapes are sampled, in how much memory, and at how many distances a point.
 
-    python benchmarks/sampling.py
+    python -m benchmarks.sampling
 
 prints two Markdown tables, measured on one core, each row in a process of its own. Seconds are processor time. The
 first table is of whole shapes, from part meshes to a written shard: repair, union, trees, samples, Parquet. The second
@@ -15,11 +15,11 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-import child
 import numpy as np
-from chair import chair
 from scipy.stats import ks_2samp
 
+from benchmarks import child
+from benchmarks.chair import chair
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import HALF_EXTENT
@@ -182,7 +182,8 @@ def main() -> None:
     parser.add_argument("--sampler", nargs=3, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.shape:
-        print(json.dumps(whole_shape(*args.shape, args.repetitions)))
+        faces, near, uniform = args.shape
+        print(json.dumps(whole_shape(faces, near, uniform, args.repetitions)))
     elif args.sampler:
         name, count, reference = args.sampler
         print(json.dumps(importance(name, int(count), args.repetitions, Path(reference))))

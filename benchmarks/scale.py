@@ -1,6 +1,6 @@
 """What the stages from shapes to points cost a shape: three sizes, one worker and all cores.
 
-    python benchmarks/scale.py [--sizes 8 16 32] [--category chair]
+    python -m benchmarks.scale [--sizes 8 16 32] [--category chair]
 
 prints a table of processor seconds, and the cost of 20,000 deformed shapes by the line through the three sizes:
 its slope is a shape's cost, its start that of starting processes. Processor seconds are of all processes of a

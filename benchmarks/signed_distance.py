@@ -1,7 +1,7 @@
 """Signed distances by ours and by other libraries: how fast, and how far from the truth.
 
     pip install point-cloud-utils mesh-to-sdf embreex rtree
-    python benchmarks/signed_distance.py        # without a display: PYOPENGL_PLATFORM=egl python …
+    python -m benchmarks.signed_distance        # without a display: PYOPENGL_PLATFORM=egl python …
 
 prints a Markdown table. All get the same points, half of them uniform in the cube, half near the surface of a chair of
 overlapping parts (chair.py). They are asked twice: with the parts' faces taken together, as most users do, and
@@ -15,10 +15,10 @@ import json
 import sys
 from collections.abc import Callable
 
-import child
 import numpy as np
-from chair import chair
 
+from benchmarks import child
+from benchmarks.chair import chair
 from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh, join, sample_surface
@@ -147,9 +147,9 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--only", nargs=2, metavar=("METHOD", "INPUT"), help=argparse.SUPPRESS)
     args = parser.parse_args()
-    sizes = args.faces, args.points, args.repetitions
     if args.only:
-        print(json.dumps(measure(*args.only, *sizes)))
+        name, given = args.only
+        print(json.dumps(measure(name, given, args.faces, args.points, args.repetitions)))
         return
     rows = []
     for given in ("parts", "union"):

@@ -1,6 +1,6 @@
 """How fast training points come from shards that don't fit into memory, and how much memory that takes.
 
-    python benchmarks/streaming.py 40 500        # million points, limit in MB
+    python -m benchmarks.streaming 40 500        # million points, limit in MB
 
 writes a generated data set of that many points (spheres of random sizes in sixteen cuboids each) below a temporary
 folder, opens it under that limit, reads batches of 1,024 and of 262,144 points alone and beside a training of the

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -131,8 +132,8 @@ def main(category: str, seconds: float = 10) -> None:
                     name,
                     values,
                     own,
-                    lambda decoder, own=own, values=values: Gradients(
-                        decoder, own, values.clamp, precision, pool, threads
+                    partial(
+                        Gradients, latents=own, clamp=values.clamp, precision=precision, pool=pool, threads=threads
                     ),
                 )
             )

@@ -1,6 +1,6 @@
 """How far the default run's figures depend on the training seed.
 
-    python benchmarks/training_seeds.py chair 4 5 6
+    python -m benchmarks.training_seeds chair 4 5 6
 
 trains, extracts and measures every arm of `params.yaml` with each seed, on the data of `make repro`, and prints a
 Markdown table: surface_distance (% of the longest side), mean, standard deviation and each figure over the
@@ -29,7 +29,7 @@ def measured(category: str, arm: str, seed: int, work: Path) -> dict:
     train.main(points, shapes, cuboids, sequences, run, load(f"arms.{arm}").model_copy(update={"seed": seed}))
     extract_meshes.main(run, meshes, load("extract_meshes"))
     evaluate.main(meshes.parent, shapes, sequences, scores, load("evaluate"))
-    return gather_tables({category: [read_scores(scores)]})
+    return gather_tables({category: read_scores(scores)})
 
 
 def main(category: str, seeds: list[int]) -> None:

@@ -1,7 +1,6 @@
 """Gather figures, pictures and loss curves of all categories and arms into tables and one page (§4).
 
-python -m stages.report data/scores data/meshes data/runs data/shapes data/cuboids data/sequences \\
-    data/trials data/edits data/progress data/generated data/generation data/metrics data/report
+python -m stages.report data data/metrics data/report
 """
 
 import json
@@ -21,67 +20,49 @@ from cagesdf.report.summary import progress_rows, summary
 from pipeline import ReportParams, artefact, run_stage
 from pipeline.executor import workers
 
+# Folders of data/: with an artefact of that kind a category; and with one an arm in a folder a category, and its kind.
+OF_CATEGORY = ("scores", "shapes", "cuboids", "sequences", "trials", "edits", "progress", "generation")
+OF_ARM = {"meshes": "meshes", "runs": "run", "generated": "generated"}
 
-def main(
-    scores: Path,
-    meshes: Path,
-    runs: Path,
-    shapes: Path,
-    cuboids: Path,
-    sequences: Path,
-    trials: Path,
-    edits: Path,
-    progress: Path,
-    generated: Path,
-    generation: Path,
-    metrics: Path,
-    out: Path,
-    params: ReportParams,
-) -> None:
-    """Read the folders of the categories and arms that are run, write `metrics/` and `report/index.html`.
+
+def main(data: Path, metrics: Path, out: Path, params: ReportParams) -> None:
+    """Read the folders of the categories and arms that are run in `data/`, write `metrics/` and `report/index.html`.
 
     `metrics/` has all tables, and the few figures and curves that DVC shows. Both are published at the end, so that a
     failure leaves those of the last run.
     """
     names = sorted(params.categories)
-    kinds = {
-        "scores": scores,
-        "shapes": shapes,
-        "cuboids": cuboids,
-        "sequences": sequences,
-        "trials": trials,
-        "edits": edits,
-        "progress": progress,
-        "generation": generation,
-    }
-    of_category = {kind: artefact.inside(folder, names, kind, params.format) for kind, folder in kinds.items()}
-    by_arm = {"meshes": (meshes, params.arms), "run": (runs, params.arms), "generated": (generated, params.generators)}
+    arms = {"meshes": params.arms, "runs": params.arms, "generated": params.generators}
+    of_category = {folder: artefact.inside(data / folder, names, folder, params.format) for folder in OF_CATEGORY}
     of_arm = {
-        (kind, name): artefact.inside(folder / name, arms, kind, params.format)
-        for kind, (folder, arms) in by_arm.items()
+        (folder, name): artefact.inside(data / folder / name, arms[folder], kind, params.format)
+        for folder, kind in OF_ARM.items()
         for name in names
     }
     read = [path for paths in (*of_category.values(), *of_arm.values()) for path in paths.values()]
-    inputs = {path.relative_to(scores.parent).as_posix(): path / artefact.MANIFEST for path in read}
-    tables = gather_tables({name: read_scores(scores / name) for name in names})
+    inputs = {path.relative_to(data).as_posix(): path / artefact.MANIFEST for path in read}
+    tables = gather_tables({name: read_scores(path) for name, path in of_category["scores"].items()})
+    edits, trials = of_category["edits"], of_category["trials"]
     tables["edits"] = gather_edits(
-        {name: [read_edits(file) for file in edited(edits / name, trials / name)] for name in names},
-        {name: list(of_arm["run", name]) for name in names},
+        {name: [read_edits(file) for file in edited(edits[name], trials[name])] for name in names},
+        {name: list(of_arm["runs", name]) for name in names},
     )
-    tables["progress"] = gather_progress({name: read_progress(progress / name) for name in names})
-    tables["table3"] = gather_generation({name: read_generation(generation / name) for name in names})
-    tables["trials"] = {name: read_trials(trials / name).counts() for name in names}
+    tables["progress"] = gather_progress({name: read_progress(path) for name, path in of_category["progress"].items()})
+    tables["table3"] = gather_generation(
+        {name: read_generation(path) for name, path in of_category["generation"].items()}
+    )
+    tables["trials"] = {name: read_trials(path).counts() for name, path in trials.items()}
     categories = [
         read_category(
-            shapes / name,
-            cuboids / name,
-            sequences / name,
-            trials / name,
+            of_category["shapes"][name],
+            of_category["cuboids"][name],
+            of_category["sequences"][name],
+            trials[name],
             of_arm["meshes", name],
-            of_arm["run", name],
-            edits / name,
+            of_arm["runs", name],
+            edits[name],
             of_arm["generated", name],
-            generation / name,
+            of_category["generation"][name],
             params.shapes,
             params.generated,
         )

@@ -6,6 +6,7 @@ Used by the tests and by benchmarks/repair.py.
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import manifold3d
 import numpy as np
@@ -18,7 +19,7 @@ from cagesdf.shape import RawPart, RawShape, Shape
 from cagesdf.solid import TIGHT, as_manifold, from_manifold, union
 from cagesdf.structure.hierarchy import PartHierarchy
 
-LIMITS = {"up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4}
+LIMITS: dict[str, Any] = {"up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4}
 SPREAD = 0.02  # standard deviation of the points near the surface, share of the shape's radius
 
 Meshes = list[Mesh]

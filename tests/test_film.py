@@ -114,4 +114,7 @@ def test_in_bfloat16_a_decoder_gives_what_float32_gives_within_rounding(
     found = torch.autograd.grad(rounded.abs().sum(), list(decoder.parameters()))
     for one, other in zip(found, expected, strict=True):
         assert one.dtype == torch.float32
-        assert torch.cosine_similarity(one.flatten(), other.flatten(), dim=0) > 0.995
+        if other.any():
+            assert torch.cosine_similarity(one.flatten(), other.flatten(), dim=0) > 0.995
+        else:  # relations of a part that is alone
+            assert not one.any()

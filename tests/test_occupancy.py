@@ -17,7 +17,7 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError
 from cagesdf.extraction import METHODS, CageField, extract
 from cagesdf.models.arms import make_decoder
-from cagesdf.models.occupancy import TEMPERATURE, OccupancyDecoder
+from cagesdf.models.occupancy import LARGEST_UNIT, TEMPERATURE, OccupancyDecoder
 from pipeline.params import check, read_yaml
 from pipeline.workspace import ROOT, merged, profile_settings
 
@@ -90,7 +90,7 @@ def test_values_near_the_surface_are_distances(box: tuple[OccupancyDecoder, torc
     cage = cage_of((0.0, 0.0, 0.0))
     points, sdf = points_of(cage, 4000, STEPS)
     values = decoder(points, code, torch.from_numpy(cage.vectors()).float())
-    near = sdf.abs() < TEMPERATURE * min(LENGTHS)
+    near = sdf.abs() < TEMPERATURE * LARGEST_UNIT
     assert (values - sdf)[near].abs().mean() < 0.02
 
 
@@ -117,7 +117,10 @@ def test_the_surface_of_two_parts_is_that_of_their_largest_logit(box: tuple[Occu
 
 
 @given(
-    predicted=st.floats(-2, 2), sdf=st.floats(-2, 2), unit=st.floats(0.05, 1), factor=st.sampled_from([0.5, 2.0, 8.0])
+    predicted=st.floats(-2, 2),
+    sdf=st.floats(-2, 2),
+    unit=st.floats(0.04, LARGEST_UNIT),
+    factor=st.sampled_from([0.5, 1.0, 2.0]),
 )
 @settings(max_examples=60, deadline=None)
 def test_errors_are_zero_for_the_truth_no_more_than_distances_errors_and_blind_to_sign_and_size(
@@ -129,16 +132,26 @@ def test_errors_are_zero_for_the_truth_no_more_than_distances_errors_and_blind_t
     assert -1e-9 <= error <= abs(predicted - sdf) / unit + 1e-9
     assert float(decoder.errors(truth, truth, cuboid, 0.0)) == 0
     assert float(decoder.errors(-answer, -truth, cuboid, 0.0)) == pytest.approx(error, abs=1e-9)
-    grown = cuboids(1.0)
-    grown[:, 12:] = factor * cuboid[:, 12:]
+    grown = cuboids(min(factor * unit, LARGEST_UNIT))
+    factor = float(decoder.unit(grown) / decoder.unit(cuboid))
     assert float(decoder.errors(factor * answer, factor * truth, grown, 0.0)) == pytest.approx(error, abs=1e-9)
 
 
+def test_walls_of_large_parts_are_learnt_as_sharply_as_those_of_small_ones() -> None:
+    decoder, values = UNTRAINED, torch.linspace(-0.05, 0.05, 11, dtype=torch.float64)
+    large, small = cuboids(0.9), cuboids(LARGEST_UNIT)
+    for truth in (0.0, 0.01, -0.02):
+        sdf = torch.full_like(values, truth)[None]
+        of_large, of_small = (decoder.errors(values[None], sdf, of, 0.0) for of in (large, small))
+        assert torch.equal(of_large, of_small)
+        assert of_large.max() > 0
+
+
 def test_errors_are_cross_entropies_less_the_least_there_is() -> None:
-    decoder, cuboid = network(), cuboids(0.4)
-    values = torch.linspace(-0.2, 0.2, 9, dtype=torch.float64)
+    decoder, cuboid = network(), cuboids(0.08)
+    values = torch.linspace(-0.04, 0.04, 9, dtype=torch.float64)
     predicted, sdf = (grid.reshape(1, -1) for grid in torch.meshgrid(values, values, indexing="ij"))
-    probability, label = (1 / (1 + (value / (0.4 * TEMPERATURE)).exp()) for value in (predicted, sdf))
+    probability, label = (1 / (1 + (value / (0.08 * TEMPERATURE)).exp()) for value in (predicted, sdf))
     expected = TEMPERATURE * (
         binary_cross_entropy(probability, label, reduction="none")
         - binary_cross_entropy(label, label, reduction="none")
@@ -147,9 +160,9 @@ def test_errors_are_cross_entropies_less_the_least_there_is() -> None:
 
 
 def test_gradients_of_errors_are_their_finite_differences() -> None:
-    decoder, cuboid = network(), cuboids(0.3, 0.05)
+    decoder, cuboid = network(), cuboids(0.09, 0.05)
     generator = torch.Generator().manual_seed(0)
-    predicted, sdf = 0.1 * torch.randn(2, 2, 40, generator=generator, dtype=torch.float64)
+    predicted, sdf = 0.03 * torch.randn(2, 2, 40, generator=generator, dtype=torch.float64)
     predicted.requires_grad_()
     assert torch.autograd.gradcheck(lambda values: decoder.errors(values, sdf, cuboid, 0.0), (predicted,))
     (gradient,) = torch.autograd.grad(decoder.errors(predicted, sdf, cuboid, 0.0).sum(), predicted)

@@ -41,11 +41,11 @@ def test_every_scene_has_its_place_in_a_file_that_is_there(tmp_path: Path) -> No
     assert len(set(places)) == len(found)
 
 
-def test_equal_scenes_give_equal_bytes_and_files_ask_for_no_other(tmp_path: Path) -> None:
+def test_equal_scenes_give_equal_bytes_in_any_number_of_processes_and_files_ask_for_no_other(tmp_path: Path) -> None:
     texts = []
-    for seed in ("1", "2"):  # of Python's hashes, which differ from one process to the next
+    for seed, processes in (("1", 1), ("2", 2)):  # the seed of Python's hashes, which differ between processes
         (tmp_path / seed).mkdir()
-        code = f"from test_report_views import *; write_views(Path({str(tmp_path / seed)!r}), TWO)"
+        code = f"from test_report_views import *; write_views(Path({str(tmp_path / seed)!r}), TWO, {processes})"
         environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(Path(__file__).parent)}
         subprocess.run([sys.executable, "-c", code], check=True, env=environment, cwd=Path(__file__).parent.parent)
         texts.append([path.read_text(encoding="utf-8") for path in sorted((tmp_path / seed).iterdir())])

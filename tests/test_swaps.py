@@ -155,6 +155,15 @@ def test_swaps_stay_in_a_family_and_change_the_style() -> None:
         assert CHAIRS[a].proportions != CHAIRS[b].proportions
 
 
+def test_families_of_two_categories_that_are_called_alike_swap_no_styles() -> None:
+    recipes = recipes_of("mixed")
+    names = {(recipe.category, recipe.family) for recipe in recipes.values()}
+    assert len({family for _, family in names}) < len(names)
+    pairs = swaps_of(recipes, sequences_of(recipes, {}))
+    assert pairs
+    assert all(recipes[a].category == recipes[b].category for a, b in pairs)
+
+
 def test_a_style_that_a_step_showed_on_a_cage_is_not_tried_on_it() -> None:
     first, second, third, fourth = family(CHAIRS, "panel")[:4]
     # The third has the cage of the first, the fourth the style of the second.

@@ -4,8 +4,9 @@ A file a family of commands; what they need is imported when they are called, so
 """
 
 import os
+import re
 import sys
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, requires, version
 
 import cyclopts
 
@@ -41,5 +42,22 @@ def run() -> None:
     except (cyclopts.CycloptsError, InputError, ShapeRejected, OSError) as error:
         text = " ".join(str(error).split())
         sys.exit(f"cagesdf: {text}{' See cagesdf --help.' if isinstance(error, cyclopts.CycloptsError) else ''}")
+    except ModuleNotFoundError as error:
+        if (extra := _extra(error.name)) is None:
+            raise
+        sys.exit(f"cagesdf: this needs {error.name}, which isn't installed; pip install 'cagesdf[{extra}]'")
     except KeyboardInterrupt:
         sys.exit("cagesdf: interrupted")
+
+
+def _extra(module: str | None) -> str | None:
+    """The extra that a module comes with, according to the installed package; None if it has none."""
+    try:
+        requirements = requires("cagesdf") or []
+    except PackageNotFoundError:
+        return None
+    for requirement in requirements:
+        found = re.match(r"""([\w.-]+).*\bextra == ["']([\w-]+)["']""", requirement)
+        if found and module is not None and found[1].lower() == module.split(".")[0].lower():
+            return found[2]
+    return None

@@ -16,12 +16,8 @@ def plan(*, profile: str | None = None) -> None:
     profile
         One of profiles/, such as paper; without it, the default run.
     """
-    from cagesdf.io.points import CHUNK
-    from cagesdf.training.points import BYTES_A_POINT
-
     try:
         from pipeline.errors import PipelineError
-        from pipeline.planning import Groups
         from pipeline.planning import plan as estimated
     except ModuleNotFoundError as error:
         if error.name and error.name.split(".")[0] == "pipeline":
@@ -32,6 +28,6 @@ def plan(*, profile: str | None = None) -> None:
         raise
     try:
         with TemporaryDirectory() as folder:
-            print("\n".join(estimated(profile, Path(folder), Groups(CHUNK, BYTES_A_POINT))))
+            print("\n".join(estimated(profile, Path(folder))))
     except PipelineError as error:
         raise InputError(str(error)) from error

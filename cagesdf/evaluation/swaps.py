@@ -43,7 +43,7 @@ def swaps_of(recipes: Mapping[str, Recipe], sequences: Mapping[str, Sequence]) -
         (a, b)
         for a in ids
         for b in ids
-        if recipes[a].family == recipes[b].family
+        if (recipes[a].category, recipes[a].family) == (recipes[b].category, recipes[b].family)
         and recipes[a].style != recipes[b].style
         and (recipes[a].proportions, recipes[b].style) not in shown
     ]

@@ -8,6 +8,7 @@ structure is flat; labels are the letters in the parts' names ("left_leg_2" is "
 import os
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,8 +23,15 @@ from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", *gltf.SUFFIXES)
-SCENE_SUFFIXES = (".obj", *gltf.SUFFIXES)  # files that can hold several named parts
+# Mesh formats by their suffix: each reads the named meshes of a file, its groups, solids, or nodes where they are
+# placed. Names may be equal or "".
+READERS: dict[str, Callable[[Path], list[tuple[str, Mesh]]]] = {
+    ".obj": read_obj_groups,
+    ".ply": lambda path: [("", read_ply(path))],
+    ".stl": read_stl,
+    **dict.fromkeys(gltf.SUFFIXES, gltf.read_gltf),
+}
+MESH_SUFFIXES = tuple(READERS)
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -94,13 +102,4 @@ def _read_mesh(path: Path) -> Mesh:
 
 
 def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
-    """The named meshes of a file: groups, solids, or nodes where they are placed. Names may be equal or ""."""
-    match path.suffix.lower():
-        case ".obj":
-            return read_obj_groups(path)
-        case ".ply":
-            return [("", read_ply(path))]
-        case ".stl":
-            return read_stl(path)
-        case _:
-            return gltf.read_gltf(path)
+    return READERS[path.suffix.lower()](path)

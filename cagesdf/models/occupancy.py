@@ -12,17 +12,24 @@ from cagesdf.errors import InputError
 from cagesdf.models.triplane import TriplaneDecoder
 
 TEMPERATURE = 0.05  # distance from the surface at which the logit of a label is ±1, in the decoder's unit
-SATURATED = 4.0  # logit beyond which labels hardly differ: sigmoid(4) = 0.98
+LARGEST_UNIT = 0.1  # canonical units: walls of large parts are no thicker than those of small ones
+# Logit up to which values count as distances. Labels hardly differ beyond 4 (sigmoid(4) = 0.98), but trained networks
+# go on as if they did: with 16, no sign of four million points of lattices was another than by asking everywhere.
+TRUSTED_LOGIT = 16.0
 
 
 class OccupancyDecoder(TriplaneDecoder):
     """The part model with a logit of being inside: its values are −logit · TEMPERATURE · unit, negative inside.
 
     Labels are soft, sigmoid(−sdf / (TEMPERATURE · unit)), so that values near the surface are distances; beyond
-    SATURATED they are a sign alone. With labels of the sign alone nothing decides on the slope (docs/log.md).
+    TRUSTED_LOGIT they are a sign alone. With labels of the sign alone nothing decides on the slope (docs/log.md).
     """
 
-    trusted = SATURATED * TEMPERATURE
+    trusted = TRUSTED_LOGIT * TEMPERATURE
+
+    def unit(self, cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, " g"]:
+        """The cuboid's smallest length, at least LEAST_UNIT and at most LARGEST_UNIT."""
+        return super().unit(cuboid).clamp(max=LARGEST_UNIT)
 
     def logit(self, values: Float[Tensor, "g n"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n"]:
         """Logit of being inside, from values or from signed distances, canonical."""

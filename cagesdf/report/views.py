@@ -3,7 +3,9 @@
 A picture leads to its place in the page of its grid, by the camera in the address.
 """
 
+import multiprocessing
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from urllib.parse import urlencode
 
@@ -25,13 +27,17 @@ BOX_OPACITY = 0.18
 SUFFIX = ".html"
 
 
-def write_views(folder: Path, grids: Sequence[tuple[str, Grid]]) -> list[list[list[str | None]]]:
+def write_views(folder: Path, grids: Sequence[tuple[str, Grid]], processes: int = 1) -> list[list[list[str | None]]]:
     """Write `<name>.html` for each grid; by grid, row and column the address of a scene, relative to `folder`'s parent.
 
-    Nothing is drawn here, and nobody is let in: the servers that viser needs for exports listen to this machine alone,
-    and end with the call. Equal scenes give equal bytes.
+    As many `processes` write pages at once. Nothing is drawn here, and nobody is let in: the servers that viser needs
+    for exports listen to this machine alone, and end with the call. Equal scenes give equal bytes.
     """
-    return [_view(folder, name, grid) for name, grid in grids]
+    if processes == 1:
+        return [_view(folder, name, grid) for name, grid in grids]
+    # Fresh interpreters: viser's servers have threads.
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return list(pool.map(_view, [folder] * len(grids), *zip(*grids)))
 
 
 def _view(folder: Path, name: str, grid: Grid) -> list[list[str | None]]:

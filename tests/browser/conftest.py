@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, ViewportSize, sync_playwright
 
 from browser.page import PATIENCE, EditorPage
 from cagesdf.api.sources import imported
@@ -28,7 +28,7 @@ FLAGS = (
     "--disable-quic", "--disable-extensions",
 )  # fmt: skip
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-SIZE = {"width": 1600, "height": 1000}
+SIZE = ViewportSize(width=1280, height=800)
 
 
 def chromium() -> str:
@@ -67,7 +67,7 @@ def editor() -> Iterator[Editor]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
-    with serving(demo, "127.0.0.1", 0, 2) as running:
+    with serving({"demo": demo, "again": demo}, "127.0.0.1", 0, 2) as running:
         yield running
     torch.set_num_threads(threads)
 
