@@ -80,7 +80,7 @@ def main() -> None:
     state = run.session.opened(shape)
     names = part_names(state.structure)
     part = next(part for part in names if arguments.label in names[part] or arguments.label in part)
-    with serving(run, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
+    with serving({"demo": run}, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
         with tempfile.TemporaryDirectory() as folder:
             page = EditorPage(browser.new_page(viewport={"width": 1000, "height": 640}), editor.address, Path(folder))
@@ -90,9 +90,10 @@ def main() -> None:
                 page.settled(before)
             page.page.locator("button.mantine-Notification-closeButton").first.click()  # of software rendering
             page.select(names[part])
+            page.choose("Tool", "Resize")
             page.drawn(10)
             client = next(iter(editor.server.get_clients().values())).camera
-            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov)
+            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov, client.image_height)
             canvas = page.page.locator("canvas").first.bounding_box()
             assert canvas is not None
             width, height = canvas["width"], canvas["height"]

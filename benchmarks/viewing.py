@@ -23,7 +23,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.inference import usual_settings
 from cagesdf.training.precision import processor
 from cagesdf.viewing.opening import opened
-from cagesdf.viewing.scene import GIZMO_SIZE
+from cagesdf.viewing.scene import GIZMO_PIXELS
 from cagesdf.viewing.server import serving
 from cagesdf.viewing.worker import COARSE, FINE
 
@@ -34,7 +34,7 @@ from browser.page import Camera, EditorPage
 # Of the page: from the next movement of the mouse until the status names a surface of this many cells; with its text.
 CLOCK = """(box, cells) => { window.took = new Promise(done => addEventListener("pointermove", event => {
     const timer = setInterval(() => {
-        if (!box.value.startsWith(`surface of ${cells} cells`)) return;
+        if (!box.value.startsWith(`${cells} cells`)) return;
         clearInterval(timer);
         done([(performance.now() - event.timeStamp) / 1000, box.value]);
     }, 2);
@@ -43,11 +43,11 @@ STEPS = 10  # movements of one drag
 PIXELS = 6  # of one movement
 
 
-def grip(cage: Cage, part: str) -> np.ndarray:
+def grip(cage: Cage, part: str, camera: Camera) -> np.ndarray:
     """A point of the gizmo's arrow that goes upwards most."""
     cuboid = cage[part]
     up = int(np.abs(cuboid.axes[:, 1]).argmax())
-    return cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[up]
+    return cuboid.centre + 0.9 * GIZMO_PIXELS * camera.pixel_at(cuboid.centre) * cuboid.axes[up]
 
 
 def drags(
@@ -61,7 +61,7 @@ def drags(
             break
         page.settled()
         page.select(name)
-        x, y = page.pixel(grip(cage, part), camera)
+        x, y = page.pixel(grip(cage, part, camera), camera)
         mouse.move(x, y)
         page.page.wait_for_timeout(800)
         mouse.down()
@@ -89,12 +89,12 @@ def main() -> None:
     run = opened(arguments.run, None, None, None, imported, usual_settings())
     state = run.session.opened(run.first)
     names = part_names(state.structure)
-    with serving(run, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
+    with serving({"demo": run}, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
         with tempfile.TemporaryDirectory() as folder:
             page = EditorPage(browser.new_page(viewport={"width": 1200, "height": 800}), editor.address, Path(folder))
             client = next(iter(editor.server.get_clients().values())).camera
-            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov)
+            camera = Camera(np.array(client.position), np.array(client.look_at), client.fov, client.image_height)
             found = drags(page, camera, state.cage, [(part, names[part]) for part in names], arguments.moves)
         browser.close()
     print(f"On {processor()}.\n")

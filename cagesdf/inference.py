@@ -256,6 +256,7 @@ def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[s
         "verdict": str(verdict),
         "far": verdict.far,
         "parts": len(shape.parts),
+        "whose_parts": f"{shape.origin.parts}: {shape.origin.reason}",
         "bounded": int(fit.prepared.fitted.bounded.sum()),
         "repair": shape.status,
         "scale": shape.similarity.scale,

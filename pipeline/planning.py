@@ -228,7 +228,7 @@ def plan(profile: str | None, folder: Path, clock: Callable[[], float] = time.pe
         f"An estimate from {sum(item.seconds for item in measured):.0f} s of work on {SHAPES} shapes a category, "
         f"scaled to this run on {workers()} workers; what the machine does beside it counts in.",
         f"{counts.shapes * categories:,} shapes in {categories} categories, {counts.deformed * categories:,} deformed "
-        f"shapes of training, {counts.points * categories:,} points of whole shapes besides each cuboid's own; "
+        f"training shapes, {counts.points * categories:,} points of whole shapes besides each cuboid's own; "
         "those of parts follow their surfaces",
         "",
         *_table(rows),

@@ -29,7 +29,7 @@ from cagesdf.meshes import Mesh
 command, run_folder = test_cli.command, test_inference_shapes.run_folder  # the fixtures
 ROOT = Path(__file__).parent.parent
 EDITS: list[tuple[str, dict[str, Any]]] = [
-    ("move", {"part": "arm_1", "by": (0.05, 0.02, 0.0)}),
+    ("move", {"part": "arm_1", "by": (0.05, 0.02, 0.0), "attach": True}),
     ("resize", {"part": "leg_*", "axis": "z", "factor": 0.9, "keep": "high"}),
     ("rotate", {"part": "back", "axis": "x", "angle": 5.0}),
     ("scale", {"factors": (1.1, 1.0, 0.9)}),
@@ -39,6 +39,7 @@ EDITS: list[tuple[str, dict[str, Any]]] = [
     ("mix", {"part": "leg_*|back", "style_of": "b", "weight": 0.7}),
     ("style", {"code": (0.5, -0.25, 0.125, 1.0)}),
     ("harmonise", {}),
+    ("add", {"name": "shelf", "centre": (0.1, 0.2, 0.5), "lengths": (0.4, 0.4, 0.05)}),
 ]
 
 

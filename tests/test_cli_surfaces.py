@@ -171,6 +171,20 @@ def test_a_mix_is_the_script_that_mixes(command: Command, tmp_path: Path) -> Non
     assert "back" not in changed
 
 
+def test_a_mix_goes_halfway_and_takes_the_parts_that_are_named(command: Command, tmp_path: Path) -> None:
+    run = write_parts_run(tmp_path / "runs" / "parts")
+    mixed, scripted, whole = (tmp_path / f"{name}.obj" for name in ("mixed", "scripted", "whole"))
+    script = write_script(tmp_path, {"op": "mix", "part": "leg_1", "style_of": "b", "from": "seat", "weight": 0.5})
+    command("mix", run, "a", "leg_1=b", mixed, "--from", "seat", "--weight", "0.5", "--resolution", "32")
+    command("edit", run, "a", script, scripted, "--resolution", "32")
+    command("mix", run, "a", "leg_1=b", whole, "--resolution", "32")
+    assert mixed.read_bytes() == scripted.read_bytes() != whole.read_bytes()
+    out = tmp_path / "out.obj"
+    assert "weight" in command.complaint("mix", run, "a", "leg_1=b", out, "--weight", "2")
+    assert "wing" in command.complaint("mix", run, "a", "leg_1=b", out, "--from", "wing")
+    assert not out.exists()
+
+
 def test_what_is_wrong_with_a_mix_is_said_and_nothing_is_written(
     command: Command, chairs: Path, tmp_path: Path
 ) -> None:
@@ -304,3 +318,19 @@ def test_scripts_are_read_as_other_systems_write_them(
     (tmp_path / "a.json").write_text('[{"op": "undo"}]\r\n', encoding=encoding)
     complaint = command.complaint("edit", chairs, "chair_1", tmp_path / "a.json", tmp_path / "a.ply")
     assert complaint.endswith("script: operation 0: undo: there is nothing to take back")
+
+
+def test_loose_pieces_are_dropped_from_edits_too_and_the_thinnest_part_is_told(
+    command: Command, chairs: Path, tmp_path: Path
+) -> None:
+    script = write_script(tmp_path, {"op": "move", "part": "seat", "by": [0, 0, 1.5], "mirror": False})
+    told = {
+        loose: json.loads(
+            command("edit", chairs, "chair_1", script, tmp_path / "out.ply", "--resolution", "24", "--loose", loose)
+        )
+        for loose in ("keep", "drop")
+    }
+    assert told["keep"]["components"] == told["drop"]["components"] + told["drop"]["dropped"]
+    assert told["drop"]["dropped"] > 0
+    assert told["keep"]["cells"] > 2
+    assert told["keep"]["thickness"] > 0

@@ -80,7 +80,7 @@ def test_what_can_t_be_done_leaves_the_document_as_it_was(session: Session) -> N
 
 
 def test_a_script_ends_where_files_end(session: Session) -> None:
-    full = Document("a", (Undo(),) * MAX_OPERATIONS, opened(session).history, None)
+    full = Document("a", (Undo(),) * MAX_OPERATIONS, opened(session).history, None, "a")
     with pytest.raises(InputError, match="save it and reset"):
         full.then(MOVES[0], session.styles)
 

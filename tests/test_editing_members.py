@@ -10,7 +10,7 @@ from test_editing_operations import chair, do, is_mirrored, jug
 
 from cagesdf.cuboid import Cage
 from cagesdf.editing import members
-from cagesdf.editing.links import mirrors, part_relations, repeats
+from cagesdf.editing.links import linked, mirrors, part_relations, repeats
 from cagesdf.editing.parts import part_names, select
 from cagesdf.editing.script import Delete, Duplicate, Harmonise, Mix, Move, Operation, Redo, Scale, Split, Undo
 from cagesdf.editing.session import Session, state_field
@@ -51,10 +51,10 @@ def test_what_is_not_named_stays_to_the_last_bit_and_undo_brings_the_very_state_
     assert do(before, operation, Undo()) is before
     named = set(select(before.structure, operation.part))
     links = [kind for kind, follow in ((mirrors, operation.mirror), (repeats, operation.repeat)) if follow]
-    followers = {other for kind in links for part in named for other in kind(before)[part]}
+    followers = set(linked(named, [kind(before) for kind in links]))
     if not links:
         assert {*before.cage.part_ids} - {*after.cage.part_ids} <= named
-    assert touched(before, after) <= (named | followers if isinstance(operation, Split) else set())
+    assert touched(before, after) <= (followers if isinstance(operation, Split) else set())
     kept = [part for part in before.cage.part_ids if part in after.cage.part_ids]
     assert [*after.cage.part_ids[: len(kept)]] == kept
     assert after.structure.parts() == after.cage.part_ids

@@ -74,7 +74,7 @@ def test_the_example_of_the_documentation_is_read() -> None:
 def test_every_kind_of_operation_has_its_word() -> None:
     assert set(KINDS) == {
         "move", "resize", "rotate", "duplicate", "delete", "split", "scale", "set", "swap", "blend", "mix", "style",
-        "build", "harmonise", "undo", "redo"
+        "build", "harmonise", "undo", "redo", "add",
     }  # fmt: skip
 
 

@@ -156,8 +156,7 @@ def test_a_plan_measures_the_stages_themselves_and_a_slower_clock_gives_a_slower
 def test_the_plan_says_that_it_is_an_estimate_and_from_what(tmp_path: Path) -> None:
     text = "\n".join(plan("tiny", tmp_path))
     assert "An estimate from" in text
-    assert "18 shapes in 1 categories, 64 deformed shapes of training, 115,200 points" in text
-    assert " points" in text
+    assert "18 shapes in 1 categories, 64 deformed training shapes, 115,200 points" in text
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
 from cagesdf.editing.document import Document
 from cagesdf.editing.parts import parameters, part_names
 from cagesdf.editing.script import (
+    Add,
     Axis,
     Blend,
     Build,
@@ -211,13 +212,21 @@ class EditableShape(ModelledShape):
         return self
 
     def move(
-        self, part: str, by: Iterable[float], *, frame: Frame = "shape", mirror: bool = True, repeat: bool = False
+        self,
+        part: str,
+        by: Iterable[float],
+        *,
+        frame: Frame = "shape",
+        mirror: bool = True,
+        repeat: bool = False,
+        attach: bool = False,
     ) -> "EditableShape":
         """Move cuboids by x, y, z along the files' axes, or along each cuboid's own with `frame` "cuboid".
 
-        With `mirror`, parts that mirror these do the mirrored thing; with `repeat`, parts that repeat them follow.
+        With `mirror`, parts that mirror these do the mirrored thing; with `repeat`, parts that repeat them follow; with
+        `attach`, parts that touch them stay in contact.
         """
-        return self._do(Move, part=part, by=tuple(by), frame=frame, mirror=mirror, repeat=repeat)
+        return self._do(Move, part=part, by=tuple(by), frame=frame, mirror=mirror, repeat=repeat, attach=attach)
 
     def resize(
         self,
@@ -229,10 +238,11 @@ class EditableShape(ModelledShape):
         frame: Frame = "cuboid",
         mirror: bool = True,
         repeat: bool = False,
+        attach: bool = False,
     ) -> "EditableShape":
-        """Stretch cuboids along an axis by a factor; `keep` says which end stays. `mirror`, `repeat` as for `move`."""
+        """Stretch cuboids along an axis by a factor; `keep` says which end stays. The rest as for `move`."""
         fields = {"axis": axis, "factor": factor, "keep": keep, "frame": frame}
-        return self._do(Resize, part=part, **fields, mirror=mirror, repeat=repeat)
+        return self._do(Resize, part=part, **fields, mirror=mirror, repeat=repeat, attach=attach)
 
     def rotate(
         self,
@@ -243,9 +253,18 @@ class EditableShape(ModelledShape):
         frame: Frame = "cuboid",
         mirror: bool = True,
         repeat: bool = False,
+        attach: bool = False,
     ) -> "EditableShape":
-        """Turn cuboids by degrees, counter-clockwise seen from the axis's tip. `mirror`, `repeat` as for `move`."""
-        return self._do(Rotate, part=part, axis=axis, angle=angle, frame=frame, mirror=mirror, repeat=repeat)
+        """Turn cuboids by degrees, counter-clockwise seen from the axis's tip. The rest as for `move`."""
+        return self._do(
+            Rotate, part=part, axis=axis, angle=angle, frame=frame, mirror=mirror, repeat=repeat, attach=attach
+        )
+
+    def add(
+        self, name: str, centre: Iterable[float], lengths: Iterable[float], *, like: str | None = None
+    ) -> "EditableShape":
+        """Add a cuboid along x, y, z in the style of the part `like`, or of that whose lengths are most alike."""
+        return self._do(Add, name=name, centre=tuple(centre), lengths=tuple(lengths), like=like)
 
     def duplicate(
         self, part: str, by: Iterable[float], *, mirror: bool = True, repeat: bool = False

@@ -1,6 +1,7 @@
 """Commands that take surfaces out of trained networks, as they are or edited."""
 
 import json
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,6 +27,7 @@ OutFile = Annotated[
 ]
 Resolution = Annotated[int, Parameter(help="Cells along 2.1 times the radius of the shape's bounding sphere.")]
 Symmetry = Annotated[Literal["none", "x"], Parameter(help="x: a mirrored cage gets an exactly mirrored surface.")]
+Loose = Annotated[Literal["keep", "drop"], Parameter(help="drop: leave pieces out that hang on to nothing.")]
 CuboidsFile = Annotated[Path | None, Parameter(help="A file of these kinds for the cuboids alone.")]
 
 
@@ -39,7 +41,7 @@ def extract(
     step: int = 0,
     method: Literal["sparse", "dense"] = "sparse",
     symmetry: Symmetry = "none",
-    loose: Literal["keep", "drop"] = "keep",
+    loose: Loose = "keep",
     cuboids: CuboidsFile = None,
 ) -> None:
     """Write the surface that a trained network gives for one of its shapes, in the frame and unit of your files.
@@ -54,8 +56,6 @@ def extract(
         Step of the shape's deformation sequence; 0 is the shape itself.
     method
         sparse: ask the network where the surface can be; dense: at every grid point inside a cuboid, for comparison.
-    loose
-        drop: leave pieces out that hang on to nothing.
     """
     work = _Work(run, out, cuboids, resolution, symmetry, method=method, loose=loose)
     work.write(work.run.open(shape_id, step))
@@ -70,6 +70,7 @@ def edit(
     *,
     resolution: Resolution = 128,
     symmetry: Symmetry = "none",
+    loose: Loose = "keep",
     cuboids: CuboidsFile = None,
 ) -> None:
     """Edit one of a trained network's shapes by a script and write its surface, as `extract` does.
@@ -86,7 +87,7 @@ def edit(
     from cagesdf.text import read_text
 
     operations = parse(read_text(script, MAX_BYTES))
-    work = _Work(run, out, cuboids, resolution, symmetry)
+    work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
     shape = work.run.open(shape_id)
     with work.timed("edit"):
         shape.edit(operations)
@@ -102,6 +103,7 @@ def swap(
     *,
     resolution: Resolution = 128,
     symmetry: Symmetry = "none",
+    loose: Loose = "keep",
     cuboids: CuboidsFile = None,
 ) -> None:
     """Write the surface of one shape's cuboids in another's style, as `extract` does.
@@ -113,7 +115,7 @@ def swap(
     style_of
         The training shape whose latent code is taken.
     """
-    work = _Work(run, out, cuboids, resolution, symmetry)
+    work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
     work.write(work.run.open(cuboids_of).swap(style_of))
 
 
@@ -124,8 +126,11 @@ def mix(
     out: OutFile,
     /,
     *,
+    weight: float = 1.0,
+    source: Annotated[str | None, Parameter(name="--from")] = None,
     resolution: Resolution = 128,
     symmetry: Symmetry = "none",
+    loose: Loose = "keep",
     cuboids: CuboidsFile = None,
 ) -> None:
     """Write the surface of one shape with some of its parts in the styles of others, as `extract` does.
@@ -139,14 +144,18 @@ def mix(
     parts
         One or more of PART=SHAPE, such as 'leg_*=chair_0007' or 'seat|back=chair_0003': which parts take the style of
         which training shape's corresponding parts. Parts that mirror or repeat these follow.
+    weight
+        How far the parts go towards those styles: 0 stays, 1 arrives.
+    source
+        Parts of the other shapes whose styles are taken, such as leg; without it, those that correspond.
     """
     pairs = [text.rpartition("=") for text in parts]
     if wrong := next((text for text, (part, _, style_of) in zip(parts, pairs) if not part or not style_of), None):
         raise InputError(f"{wrong!r}: wanted PART=SHAPE, such as 'leg_*=chair_0007'")
-    work = _Work(run, out, cuboids, resolution, symmetry)
+    work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
     shape = work.run.open(cuboids_of)
     for part, _, style_of in pairs:
-        shape.mix(part, style_of)
+        shape.mix(part, style_of, source=source, weight=weight)
     work.write(shape)
 
 
@@ -183,6 +192,7 @@ class _Work:
 
     def write(self, shape: "EditableShape") -> None:
         """Extract a shape's surface, check it, write it and print the line."""
+        from cagesdf.editing.health import Health
         from cagesdf.io.exports import write_boxes, write_model
         from cagesdf.meshes import signed_volume
 
@@ -194,6 +204,9 @@ class _Work:
             write_model(files.enter_context(replacing(self.out)), model)
             if self.cuboids is not None:
                 write_boxes(files.enter_context(replacing(self.cuboids)), model)
+        health = Health.of(found, shape.state, self.resolution)
+        for warning in health.warnings():
+            print(f"cagesdf: warning: {warning}", file=sys.stderr)
         told = {
             "out": str(self.out),
             "vertices": len(model.surface.vertices),
@@ -203,6 +216,9 @@ class _Work:
             "volume": signed_volume(model.surface),
             "components": found.components,
             "dropped": found.dropped,
+            "thinnest": health.thinnest,
+            "thickness": health.thickness,
+            "cells": round(health.cells, 2),
             "clipped": round(found.clipped, 6),
             "overshoot": found.overshoot,
             "seconds": self.seconds,

@@ -9,9 +9,7 @@ from cagesdf.errors import InputError
 
 
 def view(
-    run: Path | None = None,
-    /,
-    *,
+    *runs: Path,
     demo: bool = False,
     shape: str | None = None,
     programs: Path | None = None,
@@ -23,8 +21,8 @@ def view(
 
     Parameters
     ----------
-    run
-        A folder that `train` wrote, such as data/runs/chair/cagesdf.
+    runs
+        Folders that `train` wrote, such as data/runs/chair/cagesdf; the first is opened, the others are in a list.
     demo
         Take the small trained run that comes with the project instead.
     shape
@@ -40,21 +38,26 @@ def view(
     port
         The port to listen at, 0 for any free one; without it the first free one from 8080.
     """
-    if demo == (run is not None):
+    if demo == bool(runs):
         raise InputError("wanted a RUN, such as data/runs/chair/cagesdf, or --demo")
-    folder = DEMO / "run" if run is None else run
-    if run is None:
+    if len(runs) > 1 and (shape or programs or shapes):
+        raise InputError("--shape, --programs and --shapes are those of one run; wanted one RUN with them")
+    if demo:
         programs = programs or DEMO / "programs"
     import torch
 
     from cagesdf.api.sources import imported
     from cagesdf.inference import usual_settings
-    from cagesdf.viewing.opening import opened
+    from cagesdf.viewing.opening import named, opened
     from cagesdf.viewing.server import free_port, serving
 
     port = free_port(host, port)
     torch.set_num_threads(1)
-    with serving(opened(folder, shape, programs, shapes, imported, usual_settings()), host, port, workers()) as editor:
+    folders = {"demo": DEMO / "run"} if demo else named(runs)
+    tabs = {
+        name: opened(folder, shape, programs, shapes, imported, usual_settings()) for name, folder in folders.items()
+    }
+    with serving(tabs, host, port, workers()) as editor:
         print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)
         while True:
             time.sleep(3600)

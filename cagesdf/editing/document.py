@@ -1,6 +1,6 @@
 """A shape while someone edits it: the script that leads to it, which is what is saved."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cagesdf.editing.operations import apply
 from cagesdf.editing.script import MAX_OPERATIONS, Operation, Redo, Script, Undo
@@ -17,11 +17,12 @@ class Document:
     script: Script
     history: History
     before: "Document | None"  # without the last operation; None at the beginning
+    name: str  # what the user calls what it leads to, in lists and files
 
     @staticmethod
     def opened(shape_id: str, state: State) -> "Document":
         """A shape that nothing was done to."""
-        return Document(shape_id, (), History.of(state), None)
+        return Document(shape_id, (), History.of(state), None, shape_id)
 
     @property
     def state(self) -> State:
@@ -32,7 +33,22 @@ class Document:
         """One operation more. Raises InputError for one that can't be done, and for a script as long as may be."""
         if len(self.script) == MAX_OPERATIONS:
             raise InputError(f"the script has {MAX_OPERATIONS:,} operations, the most there may be; save it and reset")
-        return Document(self.shape_id, (*self.script, operation), apply(self.history, operation, styles), self)
+        history = apply(self.history, operation, styles)
+        name = self._name_of(history.present) if isinstance(operation, Undo | Redo) else self.name
+        return Document(self.shape_id, (*self.script, operation), history, self, name)
+
+    def named(self, name: str) -> "Document":
+        """The same under another name, which those that follow have, too."""
+        return replace(self, name=name)
+
+    def _name_of(self, state: State) -> str:
+        """The name under which a state was there before."""
+        document, name = self, self.name
+        while document.before is not None:
+            if document.state is state:
+                name = document.name
+            document = document.before
+        return document.name if document.state is state else name
 
     def continued(self, script: Script, styles: Styles) -> "Document":
         """All operations of a script more. Raises InputError that names the place of one that can't be done."""

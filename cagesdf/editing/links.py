@@ -7,6 +7,7 @@ part which repeats another is: go there, change, come back.
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -24,6 +25,8 @@ Change = Callable[[Cuboid], Cuboid]
 
 # The improper signed permutations: they name a mirrored cuboid's axes so that these are right-handed again.
 IMPROPER = -PROPER_PERMUTATIONS
+
+ALIKE = 0.02  # of their size: two cuboids with corners no further apart, once one is moved onto the other, are alike
 
 
 @runtime_checkable
@@ -51,6 +54,10 @@ class Mirror:
     def __call__(self, point: Float[ndarray, " 3"]) -> Float[ndarray, " 3"]:
         """The mirror image of a point."""
         return point - 2 * ((point - self.point) @ self.normal) * self.normal
+
+    def inverse(self) -> "Mirror":
+        """The mirror itself."""
+        return self
 
     def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
         """What a change of a cuboid that has these axes is for the cuboid on the other side."""
@@ -153,6 +160,36 @@ def _pairs(state: State) -> Iterator[tuple[str, str, Link]]:
         link = link_of(relation, state)
         if link is not None:
             yield relation.a, relation.b, link
+
+
+def alike(state: State) -> Links:
+    """By part, those of its label whose cuboids in `State.seen_by_part` are the same, moved or mirrored.
+
+    Structures don't say it of a chair's front and back legs. Parts that mirror each other are left out.
+    """
+    labels, cage, related = state.structure.labels(), state.seen_by_part(), mirrors(state)
+    found: Links = {part: {} for part in cage.part_ids}
+    for a, b in combinations(cage.part_ids, 2):
+        if labels[a] and labels[a] == labels[b] and b not in related[a]:
+            link = _onto(cage[a], cage[b])
+            if link is not None:
+                found[a][b], found[b][a] = link, link.inverse()
+    return found
+
+
+def _onto(a: Cuboid, b: Cuboid) -> Mirror | Motion | None:
+    """The translation, or the mirror between them, that takes a cuboid onto another one; None where neither does."""
+    way = b.centre - a.centre
+    distance = float(np.linalg.norm(way))
+    if not distance > ALIKE * a.size.max():
+        return None
+    mirror = Mirror((a.centre + b.centre) / 2, way / distance)
+    corners, others = (Cage.of({"": cuboid}).corners()[0] for cuboid in (a, b))
+    for link in (Motion(np.eye(3), way), mirror):
+        images = np.array([link(corner) for corner in corners])
+        if np.linalg.norm(images[:, None] - others, axis=2).min(axis=1).max() <= ALIKE * a.size.max():
+            return link
+    return None
 
 
 def locked(state: State, changes: Mapping[str, Change], links: Sequence[Links]) -> dict[str, Change]:

@@ -1,4 +1,4 @@
-"""Parts that come and go: duplicated, deleted, split.
+"""Parts that come and go: added, duplicated, deleted, split.
 
 What is left alone keeps cuboid, code and order. Cuboids no longer follow from a program then; the parts become
 siblings, and relations between groups those between their parts.
@@ -11,8 +11,8 @@ import numpy as np
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.links import Change, followed, link_of, linked, locked, part_relations
-from cagesdf.editing.parts import part_names, select
-from cagesdf.editing.script import Delete, Duplicate, Split
+from cagesdf.editing.parts import free_name, part_names, select
+from cagesdf.editing.script import Add, Delete, Duplicate, Split
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -20,6 +20,34 @@ from cagesdf.structure.relations import Adjacency, Relation, Translation
 
 MAX_PARTS = 200
 SAME = 1e-9  # canonical: centres no further apart are one
+
+
+def added(state: State, operation: Add) -> State:
+    """The state with one more cuboid, along the user's axes. Raises InputError for more parts than MAX_PARTS."""
+    # A cuboid's axes are named after the canonical ones, which the user's may have other names for.
+    lengths = np.abs(state.similarity.rotation) @ np.array(operation.lengths) * state.similarity.scale
+    centre = state.similarity.to_canonical(np.array([operation.centre]))[0]
+    cuboid = Cuboid(centre, np.eye(3), lengths)
+    like = most_like(state.cage, cuboid) if operation.like is None else select(state.structure, operation.like)[0]
+    labels = state.structure.labels()
+    part = free_name(operation.name, {*labels, *labels.values(), *part_names(state.structure).values()})
+    if len(state.cage) == MAX_PARTS:
+        raise InputError(f"it makes {MAX_PARTS + 1:,} parts; wanted at most {MAX_PARTS:,}")
+    own = {name: labels[name] for name in state.cage.part_ids} | {part: operation.name}
+    hierarchy = PartHierarchy.flat(tuple(own), tuple(own.values()), "")
+    styles = state.part_styles.get(like)
+    return replace(
+        state,
+        cage=Cage.of({**state.cage.cuboids(), part: cuboid}),
+        structure=PartHierarchy(replace(hierarchy.tree, relations=part_relations(state))),
+        part_styles={**state.part_styles, **({} if styles is None else {part: styles})},
+        like={**state.like, part: state.seen_as(like)},
+    )
+
+
+def most_like(cage: Cage, cuboid: Cuboid) -> str:
+    """The part whose lengths differ least from a cuboid's, by the sum of their squared logarithms."""
+    return cage.part_ids[int(np.square(np.log(cage.size / cuboid.size)).sum(axis=1).argmin())]
 
 
 def duplicated(state: State, operation: Duplicate) -> State:
@@ -96,11 +124,8 @@ def _new_ids(state: State, parts: Iterable[str]) -> dict[str, str]:
     taken = {*state.cage.part_ids, *state.structure.labels().values(), *part_names(state.structure).values()}
     found = {}
     for part in parts:
-        number = 2
-        while (new := f"{part}_{number}") in taken:
-            number += 1
-        taken.add(new)
-        found[part] = new
+        found[part] = free_name(part, taken)
+        taken.add(found[part])
     if (count := len(state.cage) + len(found)) > MAX_PARTS:
         raise InputError(f"it makes {count:,} parts; wanted at most {MAX_PARTS:,}")
     return found

@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.deformation import scaled_cage
-from cagesdf.editing.links import Change, followed, linked, locked
-from cagesdf.editing.members import deleted, duplicated, split
+from cagesdf.editing.attachments import attached
+from cagesdf.editing.links import Change, alike, followed, linked, locked
+from cagesdf.editing.members import added, deleted, duplicated, split
 from cagesdf.editing.parts import part_names, select, with_parameter
 from cagesdf.editing.script import (
+    Add,
     Blend,
     Build,
     Delete,
@@ -80,6 +82,8 @@ def _after(state: State, operation: Step, styles: Styles) -> State:
     match operation:
         case Move() | Resize() | Rotate():
             return _sound(_change_parts(state, operation))
+        case Add():
+            return _sound(added(state, operation))
         case Duplicate():
             return _sound(duplicated(state, operation))
         case Delete():
@@ -219,10 +223,10 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
             change = _turned_together(state, parts, operation)
         case Rotate():
             change = _turned(state, operation)
-    every = locked(state, dict.fromkeys(parts, change), followed(state, operation.mirror, operation.repeat))
-    return state.with_cage(
-        Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
-    )
+    links = followed(state, operation.mirror, operation.repeat) + [alike(state)] * operation.repeat
+    every = locked(state, dict.fromkeys(parts, change), links)
+    cage = Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
+    return state.with_cage(attached(state.cage, cage, every.keys()) if operation.attach else cage)
 
 
 def _moved_in_own_frame(state: State, by: tuple[float, float, float]) -> Change:

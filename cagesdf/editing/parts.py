@@ -2,7 +2,7 @@
 
 import unicodedata
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from itertools import chain, count
@@ -58,6 +58,13 @@ def distinct_labels(labels: Mapping[str, str]) -> dict[str, str]:
             taken.add(_key(base))
         names[part] = base
     return names
+
+
+def free_name(text: str, taken: Iterable[str]) -> str:
+    """A name like a text that isn't taken: itself, or with the least free number from 2 on."""
+    base, keys = _plain(text) or UNNAMED, {_key(name) for name in taken}
+    candidates = (f"{base}_{number}" for number in count(2))
+    return next(name for name in chain([base], candidates) if _key(name) not in keys)
 
 
 def _plain(text: str) -> str:

@@ -47,6 +47,15 @@ Factors = Annotated[
 ]
 Weight = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1, description="a number from 0 to 1")]
 Share = Annotated[float, Field(allow_inf_nan=False, gt=0, lt=1, description="a number between 0 and 1")]
+Like = Annotated[
+    Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)] | None,
+    Field(description="the name of a part, or null"),
+]
+PartName = Annotated[str, Field(min_length=1, max_length=100, description="a name of at most 100 characters")]
+_Positive = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1e12)]
+Lengths = Annotated[
+    tuple[_Positive, _Positive, _Positive], Field(description="three numbers [x, y, z] above 0, at most 1e12")
+]
 Parameter = Annotated[str, Field(min_length=1, max_length=1000, description="a parameter's name, as inspect lists it")]
 ShapeId = Annotated[str, Field(min_length=1, max_length=1000, description="the id of a shape")]
 Axis = Annotated[Literal["x", "y", "z"], Field(description="x, y or z")]
@@ -77,6 +86,7 @@ class Move(_Operation):
     frame: Frame = "shape"  # whose axes these are: the user's, or each cuboid's own
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
+    attach: Switch = False  # parts that touch these stay in contact: their attached faces follow
 
 
 class Resize(_Operation):
@@ -90,6 +100,7 @@ class Resize(_Operation):
     frame: Frame = "cuboid"
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
+    attach: Switch = False  # parts that touch these stay in contact: their attached faces follow
 
 
 class Rotate(_Operation):
@@ -102,6 +113,17 @@ class Rotate(_Operation):
     frame: Frame = "cuboid"
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
+    attach: Switch = False  # parts that touch these stay in contact: their attached faces follow
+
+
+class Add(_Operation):
+    """Add a cuboid along x, y, z, with the style of one of the other parts."""
+
+    op: Literal["add"] = "add"
+    name: PartName  # its label
+    centre: Vector  # the user's frame
+    lengths: Lengths  # along x, y, z, the user's unit
+    like: Like = None  # the part whose style it has; None: the one whose lengths are most alike
 
 
 class Duplicate(_Operation):
@@ -212,7 +234,21 @@ class Redo(_Operation):
 
 # What leads from state to state.
 Step = (
-    Move | Resize | Rotate | Duplicate | Delete | Split | Scale | Set | Swap | Blend | Mix | Style | Build | Harmonise
+    Move
+    | Resize
+    | Rotate
+    | Add
+    | Duplicate
+    | Delete
+    | Split
+    | Scale
+    | Set
+    | Swap
+    | Blend
+    | Mix
+    | Style
+    | Build
+    | Harmonise
 )
 Operation = Step | Undo | Redo
 Script = tuple[Operation, ...]

@@ -48,6 +48,10 @@ class State:
         """The part of `seen` whose code a part has."""
         return self.like.get(part, part)
 
+    def seen_by_part(self) -> Cage:
+        """The cuboids of `seen` whose codes the parts have."""
+        return Cage.of({part: self.seen[self.seen_as(part)] for part in self.cage.part_ids})
+
     def with_cage(self, cage: Cage) -> "State":
         """The same parts in other cuboids."""
         return replace(self, cage=cage)

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from cagesdf.cuboid import Cage
 from cagesdf.editing.parts import select
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
@@ -47,7 +46,7 @@ def corresponding(state: State, other: State, pattern: str | None) -> dict[str, 
     called = None if pattern is None else select(other.structure, pattern)
     ours, theirs = state.structure.labels(), other.structure.labels()
     equal = state.structure.signature() == other.structure.signature()
-    seen = Cage.of({part: state.seen[state.seen_as(part)] for part in state.cage.part_ids})
+    seen = state.seen_by_part()
     pairs = dict(correspond(state.structure, seen, other.structure, other.cage)) if equal else {}
     centres = dict(zip(other.cage.part_ids, relative_centres(other.cage)))
     partners = {}

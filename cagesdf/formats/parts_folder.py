@@ -1,5 +1,6 @@
 """Plain part meshes: a folder with one file a part, or one file whose groups or scene nodes are the parts.
 
+A folder with a single mesh file, as models are downloaded, is that file.
 Parts are assembled in place, in any unit. Nothing tells how they belong together, so the
 structure is flat; labels are the letters in the parts' names ("left_leg_2" is "left leg").
 """
@@ -42,7 +43,8 @@ def part_files(folder: Path) -> list[Path]:
 def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     """One shape from a folder with a mesh file for each part; part ids are the files' names without extension.
 
-    Raises InputError if there is no mesh file, two have the same name, or one can't be read.
+    The groups or nodes of a single file are its parts, as `read_parts_file` has them. Raises InputError if there is no
+    mesh file, two have the same name, or one can't be read.
     """
     files = part_files(folder)
     if not files:
@@ -52,7 +54,12 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     if twice is not None:
         rivals = [path.name for path, name in zip(files, names) if name == twice]
         raise InputError(f"{folder}: {ambiguity(rivals, twice)}")
-    return flat_shape(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
+    if len(files) > 1:
+        return flat_shape(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
+    shape = read_parts_file(files[0], shape_id, split)
+    if len(shape.parts) > 1:
+        return shape
+    return replace(flat_shape(shape_id, split, [(names[0], shape.parts[0].mesh)]), whole=True)
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:

@@ -4,8 +4,14 @@ snapping.py   a cuboid that is dragged near another one comes into contact with 
 styles.py     ways through the space of codes: principal directions, new codes
 worker.py     surfaces in the background: a coarse one while the hand moves, a fine one when it rests
 picking.py    which cuboids are under the mouse
+colours.py    a colour for parts that belong together, and the selection's
+framing.py    where the camera stands
+angles.py     a cuboid's rotation as three numbers
+parameters.py plain names of a program's numbers
+keys.py       which key does what
 scene.py      what is seen: surface, cuboids, gizmo and handles
 panel.py      what is read, typed and clicked beside it
+partlist.py   the list of parts at the other side
 tab.py        one browser tab: document, worker, scene and panel together
 files.py      what comes in and goes out through the browser
 server.py     the address; a tab for each visitor

@@ -1,6 +1,6 @@
 """From folders to what tabs share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -49,10 +49,25 @@ def opened(
     )  # fmt: skip
 
 
+def named(runs: Sequence[Path]) -> dict[str, Path]:
+    """Runs by the shortest ends of their paths that tell them apart: chair/cagesdf and table/cagesdf.
+
+    Raises InputError for one that is given twice.
+    """
+    parts = [run.resolve().parts for run in runs]
+    if len(set(parts)) < len(parts):
+        raise InputError(f"{', '.join(map(str, runs))}: a run is given twice")
+    for first in range(1, max(map(len, parts)) + 1):
+        ends = ["/".join(path[-first:]) for path in parts]
+        if len(set(ends)) == len(ends):
+            return dict(zip(ends, runs))
+    raise AssertionError("equal paths")
+
+
 def _taken(run: Run, known: Known, shape: Shape, settings: FitSettings) -> Taken:
     fit = fit_shape(run, known, shape, settings, 0)
     structure = shape.structure.with_cuboids(fit.prepared.fitted.cage.cuboids())
-    return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, str(fit.verdict))
+    return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, fit.prepared.surface, str(fit.verdict))
 
 
 def _generator(run: Path, programs: Path | None) -> Generator | None:

@@ -10,12 +10,15 @@ import viser
 
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
 from cagesdf.viewing.files import FORMATS
+from cagesdf.viewing.framing import VIEWS
+from cagesdf.viewing.scene import LOOKS, TOOLS
 
 HELLO = (
-    "**Click a cuboid**, then drag its arrows and rings, or the balls on its faces. "
-    "Shift-click takes several. **Style** changes the surface alone. **File** saves what you made."
+    "**Click a cuboid**, then drag its arrows (**G** moves, **R** turns, **L** pulls faces). "
+    "**Style** changes the surface alone. **File** saves what you made. **I** lists all keys."
 )
 NOTHING = "–"
+BRAND = (232, 96, 28)
 MESHES = ",".join((".zip", *MESH_SUFFIXES))
 PLACES = 3.0  # standard deviations that the sliders of principal directions reach
 
@@ -28,16 +31,16 @@ class Actions:
     undo: Callable[[], None]
     redo: Callable[[], None]
     reset: Callable[[], None]
-    select: Callable[[str], None]  # a part's name, or the label of several
     place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
-    turn: Callable[[tuple[float, float, float]], None]  # about the axes x, y, z, degrees
-    escape: Callable[[], None]  # select nothing
-    frame: Callable[[], None]  # look at what is selected
-    duplicate: Callable[[], None]  # what is selected
-    delete: Callable[[], None]
-    split: Callable[[], None]
+    angles: Callable[[tuple[float, float, float]], None]  # degrees; see `angles.angles_of`
     redraw: Callable[[], None]  # what is shown changed, not the shape
+    compare: Callable[[], None]  # more or less of the true surface is to be seen
+    look: Callable[[], None]  # the same surface is to be seen otherwise
+    darken: Callable[[], None]  # the page is to be dark, or light
+    view: Callable[[str], None]  # from one of `framing.VIEWS`
+    help: Callable[[], None]
+    open_run: Callable[[str], None]
     set_parameter: Callable[[str, float], None]
     blend: Callable[[str, float], None]
     mix: Callable[[str, float], None]  # into the parts that are selected
@@ -59,15 +62,21 @@ class Panel:
     shape: Any
     status: Any
     surface: Any
-    part: Any
+    health: Any
+    tool: Any
     centre: Any
     lengths: Any
-    turn: Any
+    angles: Any
     mirror: Any
     repeat: Any
+    attach: Any
     snap: Any
     shown: Any
     truth: Any
+    look: Any
+    dark: Any
+    mark: Any
+    group: Any
     parameter: Any
     value: Any
     style: Any
@@ -81,82 +90,99 @@ class Panel:
         self,
         client: viser.ClientHandle,
         actions: Actions,
+        runs: Sequence[str],
+        run: str,
         shapes: Sequence[str],
         directions: int,
         by_part: bool,
         generates: bool,
-        has_truth: bool,
         guard: Callable[[Callable[[], None]], None],
     ) -> None:
         """`guard` calls an action and says what is wrong."""
         gui = self._gui = client.gui
         self._guard = guard
         gui.main_panel.dock_right()
-        gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium", brand_color=(232, 96, 28))
+        self.theme(dark=False)
         gui.set_panel_label("cagesdf")
         gui.add_markdown(HELLO)
+        self._shapes = tuple(shapes)
+        self.run = gui.add_dropdown("Run", tuple(runs), initial_value=run, visible=len(runs) > 1)
+        self._on(self.run, lambda: actions.open_run(self.run.value))
         self.shape = gui.add_dropdown("Shape", tuple(shapes))
         self._on(self.shape, lambda: actions.open_shape(self.shape.value))
         history = gui.add_button_group("History", ("Undo", "Redo", "Reset"))
         steps = {"Undo": actions.undo, "Redo": actions.redo, "Reset": actions.reset}
         history.on_click(lambda _: guard(steps[history.value]))
-        self.status = gui.add_text("Status", "", disabled=True, multiline=True)
-        self.surface = gui.add_text("Surface", "", disabled=True, hint="cells, faces, and a mark of its bytes")
-        self._keys(actions)
+        self.status = gui.add_text("Status", "", disabled=True)
+        self.surface = gui.add_text("Surface", "", disabled=True, hint="cells and faces")
+        self.health = gui.add_markdown("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Cuboids"):
-            self._cuboids(actions, has_truth)
+            self._cuboids(actions)
         with tabs.add_tab("Style"):
             self._style(actions, shapes, directions, by_part)
         with tabs.add_tab("New"):
             self._new(actions, generates)
         with tabs.add_tab("File"):
             self._file(actions)
+        with tabs.add_tab("View"):
+            self._view(actions)
+        with gui.add_folder("Details", expand_by_default=False):
+            self.mark = gui.add_text("Mark", "", disabled=True, hint="of the surface's bytes: equal ones, equal marks")
 
-    def _keys(self, actions: Actions) -> None:
-        keys: tuple[tuple[str, str, Any, Any, Callable[[], None]], ...] = (
-            ("Ctrl Z", "Undo", "Z", "cmd/ctrl", actions.undo),
-            ("Ctrl Shift Z", "Redo", "Z", "cmd/ctrl+shift", actions.redo),
-            ("Esc", "Select nothing", "escape", None, actions.escape),
-            ("Del", "Delete what is selected", "delete", None, actions.delete),
-            ("Shift D", "Duplicate what is selected", "D", "shift", actions.duplicate),
-            ("F", "Frame what is selected, or all", "F", None, actions.frame),
+    def theme(self, dark: bool) -> None:
+        """A dark page or a light one."""
+        self._gui.configure_theme(
+            show_logo=False, show_share_button=False, control_width="large", brand_color=BRAND, dark_mode=dark
         )
-        for _, label, key, modifier, act in keys:
-            command = self._gui.add_command(label, hotkey=key, modifier=modifier)
-            command.on_trigger(partial(lambda act, _: self._guard(act), act))
-        with self._gui.add_folder("Keys", expand_by_default=False):
-            self._gui.add_markdown("\n".join(f"- **{written}**: {label}" for written, label, *_ in keys))
 
-    def _cuboids(self, actions: Actions, has_truth: bool) -> None:
+    def _view(self, actions: Actions) -> None:
         gui = self._gui
-        self.part = gui.add_dropdown("Part", (NOTHING,))
-        self._on(self.part, lambda: actions.select(self.part.value))
-        self.centre = gui.add_vector3("Centre (file units)", (0.0, 0.0, 0.0), step=0.001, disabled=True)
-        self._on(self.centre, lambda: actions.place(self.centre.value))
-        self.lengths = gui.add_vector3(
-            "Lengths (file units)", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, disabled=True
-        )
-        self._on(self.lengths, lambda: actions.lengths(self.lengths.value))
-        self.turn = gui.add_vector3("Turn by (degrees)", (0.0, 0.0, 0.0), step=1.0, disabled=True)
-        self._on(self.turn, lambda: actions.turn(self.turn.value))
-        members = gui.add_button_group("Selected", ("Duplicate", "Split", "Delete"))
-        steps = {"Duplicate": actions.duplicate, "Split": actions.split, "Delete": actions.delete}
-        members.on_click(lambda _: self._guard(steps[members.value]))
-        self.mirror = gui.add_checkbox("Mirrored parts follow", True)
-        self.repeat = gui.add_checkbox("Repeated parts follow", True)
-        self.snap = gui.add_checkbox("Snap to contact", True)
+        self.look = gui.add_dropdown("Look", LOOKS)
+        self._on(self.look, actions.look)
         self.shown = gui.add_checkbox("Show cuboids", True)
         self._on(self.shown, actions.redraw)
-        self.truth = gui.add_slider("True shape", 0.0, 1.0, 0.05, 0.0, visible=has_truth)
-        self._on(self.truth, actions.redraw)
+        self.truth = gui.add_slider("True shape", 0.0, 1.0, 0.05, 0.0)
+        self._on(self.truth, actions.compare)
+        views = gui.add_button_group("From", tuple(VIEWS))
+        views.on_click(lambda _: self._guard(lambda: actions.view(views.value)))
+        self.dark = gui.add_checkbox("Dark", False)
+        self._on(self.dark, actions.darken)
+        keys = gui.add_button("Keys", icon=viser.Icon.KEYBOARD)
+        keys.on_click(lambda _: self._guard(actions.help))
+
+    def _cuboids(self, actions: Actions) -> None:
+        gui = self._gui
+        self.tool = gui.add_dropdown("Tool", TOOLS, hint="G moves, R turns, L pulls faces")
+        self._on(self.tool, actions.redraw)
+        self.centre = gui.add_vector3("Centre (file units)", (0.0, 0.0, 0.0), step=0.001, disabled=True)
+        self._on(self.centre, lambda: actions.place(self.centre.value))
+        self.lengths = gui.add_vector3("Lengths (file units)", (1.0, 1.0, 1.0), step=0.001, disabled=True)
+        self._on(self.lengths, lambda: actions.lengths(self.lengths.value))
+        self.angles = gui.add_vector3(
+            "Rotation (degrees)",
+            (0.0, 0.0, 0.0),
+            step=0.1,
+            disabled=True,
+            hint="about x, then its own y, then its own z",
+        )
+        self._on(self.angles, lambda: actions.angles(self.angles.value))
+        self.mirror = gui.add_checkbox("Mirrors follow", True, hint="parts that mirror these")
+        self.repeat = gui.add_checkbox("Repeats follow", True, hint="parts that repeat these")
+        self.attach = gui.add_checkbox("Attached follow", True, hint="what touches stays in contact")
+        self.snap = gui.add_checkbox("Snap to contact", True)
         self.program = gui.add_folder("Through the program", expand_by_default=False)
         with self.program:
+            self.group = gui.add_dropdown("Of", (NOTHING,))
             self.parameter = gui.add_dropdown("Parameter", (NOTHING,))
-            self.value = gui.add_number("Value", 0.0, step=0.001)
-        self._on(self.parameter, lambda: self.show_value(self._values))
-        self._on(self.value, lambda: actions.set_parameter(self.parameter.value, self.value.value))
+            self.value = gui.add_number(
+                "Value", 0.0, step=0.001, hint="lengths in the program's unit, places as shares"
+            )
+        self._on(self.group, self._show_parameters)
+        self._on(self.parameter, self._show_value)
+        self._on(self.value, lambda: actions.set_parameter(self._parameter, self.value.value))
         self._values: Mapping[str, float] = {}
+        self._grouped: Mapping[str, Mapping[str, str]] = {}
 
     def _style(self, actions: Actions, shapes: Sequence[str], directions: int, by_part: bool) -> None:
         gui = self._gui
@@ -184,7 +210,8 @@ class Panel:
         gui.add_markdown(text)
         button = gui.add_button("New shape", icon=viser.Icon.SPARKLES, disabled=not generates)
         button.on_click(lambda _: self._guard(lambda: actions.generate(self.temperature.value)))
-        self.made = gui.add_folder("History")
+        self.made = gui.add_folder("Made here")
+        self._made = 0  # less with each: the newest comes first
 
     def _file(self, actions: Actions) -> None:
         gui = self._gui
@@ -209,39 +236,60 @@ class Panel:
         )
         parts.on_upload(lambda _: self._guard(lambda: actions.upload_parts(parts.value.name, parts.value.content)))
 
-    def add_made(self, picture: np.ndarray, label: str, take: Callable[[], None]) -> None:
-        """A thumbnail of a generated shape, and a button that takes it up again."""
+    def add_made(self, name: str, picture: np.ndarray, take: Callable[[], None]) -> Any:
+        """A thumbnail of a shape that was made here, above the earlier ones, and a button that takes it up again.
+
+        Returns the thumbnail, whose `image` may be changed.
+        """
+        self._made -= 2
         with self.made:
-            self._gui.add_image(picture)
-            self._gui.add_button(label).on_click(lambda _: self._guard(take))
+            image = self._gui.add_image(picture, order=self._made)
+            self._gui.add_button(f"Take {name}", order=self._made + 1).on_click(lambda _: self._guard(take))
+        return image
 
-    def show_parts(self, names: Sequence[str], selected: str | None) -> None:
-        """The parts there are and the labels that several share, and the one part selected."""
-        self.part.options = (NOTHING, *names)
-        self.part.value = selected or NOTHING
+    def show_shapes(self, made: Sequence[str], chosen: str) -> None:
+        """The shapes that were made here, newest first, before those of the run."""
+        options = (*made, *self._shapes)
+        if options != tuple(self.shape.options):
+            self.shape.options = options
+        if self.shape.value != chosen:
+            self.shape.value = chosen
 
-    def show_cuboid(self, selected: int, centre: np.ndarray | None, lengths: np.ndarray | None) -> None:
-        """How many are selected, and numbers of the cuboid; None: not exactly one is."""
-        self.turn.disabled = not selected
-        self.turn.value = (0.0, 0.0, 0.0)
-        for box, numbers in ((self.centre, centre), (self.lengths, lengths)):
+    def show_health(self, health: str, warnings: Sequence[str]) -> None:
+        """A line about the surface, and what is wrong with it."""
+        lines = [f"⚠ **{warning}**" for warning in warnings]
+        self.health.content = "\n\n".join([f"Health: {health}", *lines])
+
+    def show_cuboid(self, centre: np.ndarray | None, lengths: np.ndarray | None, angles: np.ndarray | None) -> None:
+        """Numbers of the cuboid selected; None: not exactly one is."""
+        for box, numbers in ((self.centre, centre), (self.lengths, lengths), (self.angles, angles)):
             box.disabled = numbers is None
             if numbers is not None:
-                box.value = tuple(round(float(number), 4) for number in numbers)
+                box.value = tuple(round(float(number), 4) + 0.0 for number in numbers)
 
-    def show_program(self, values: Mapping[str, float]) -> None:
-        """The program's parameters; without one the folder isn't there."""
-        self._values = values
+    def show_program(self, values: Mapping[str, float], grouped: Mapping[str, Mapping[str, str]]) -> None:
+        """The program's parameters, by part and plain name; without any the folder isn't there."""
+        self._values, self._grouped = values, grouped
         self.program.visible = bool(values)
-        names = tuple(values) or (NOTHING,)
+        groups = tuple(grouped) or (NOTHING,)
+        if groups != tuple(self.group.options):
+            self.group.options = groups
+        self._show_parameters()
+
+    @property
+    def _parameter(self) -> str:
+        """The chosen parameter's own name; NOTHING without one."""
+        return self._grouped.get(self.group.value, {}).get(self.parameter.value, NOTHING)
+
+    def _show_parameters(self) -> None:
+        names = tuple(self._grouped.get(self.group.value, ())) or (NOTHING,)
         if names != tuple(self.parameter.options):
             self.parameter.options = names
-        self.show_value(values)
+        self._show_value()
 
-    def show_value(self, values: Mapping[str, float]) -> None:
-        """The value of the parameter that is chosen."""
-        if self.parameter.value in values:
-            self.value.value = round(values[self.parameter.value], 5)
+    def _show_value(self) -> None:
+        if self._parameter in self._values:
+            self.value.value = round(self._values[self._parameter], 5)
 
     def show_style(self, places: np.ndarray) -> None:
         """Where the style is along the principal directions."""

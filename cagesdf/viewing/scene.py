@@ -1,7 +1,7 @@
-"""What one tab shows: the surface, coloured by part, translucent cuboids, a gizmo and handles on what is selected."""
+"""What one tab shows: the surface, coloured by part, translucent cuboids, a gizmo or handles on what is selected."""
 
-from collections.abc import Callable, Mapping, Sequence
-from colorsys import hsv_to_rgb
+import threading
+from collections.abc import Callable, Mapping, Sequence, Set
 from itertools import count
 from typing import Any
 
@@ -12,53 +12,27 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.editing.links import linked, mirrors, repeats
-from cagesdf.editing.state import State
 from cagesdf.meshes import Mesh, compact
-from cagesdf.rendering import CLAY, EDGES, PART_COLOURS, rgb
+from cagesdf.rendering import CLAY, EDGES, rgb
+from cagesdf.viewing.colours import AXES, SELECTED, Colour
+from cagesdf.viewing.framing import VIEWS, camera_for, world_per_pixel
 from cagesdf.viewing.picking import along
 
-Colour = tuple[int, int, int]
-
-SELECTED: Colour = (255, 0, 200)  # of outlines and handles; no part has it
-BOX_OPACITY = 0.13
+BOX_OPACITY = 0.1
 EDGE_WIDTH, OUTLINE_WIDTH = 1.5, 4.0  # pixels
-GOLDEN = (5**0.5 - 1) / 2  # of a turn: hues so far apart don't come near each other again for long
-GIZMO_SIZE, HANDLE_RADIUS, CLEAR = 0.24, 0.024, 0.3  # canonical; handles are CLEAR from the gizmo's middle at least
-ROOM = 1.05  # around what is framed
-BESIDE = 1.6  # canonical: from the surface to the true one beside it
+GIZMO_PIXELS, HANDLE_PIXELS = 90, 8  # an arrow's length and a handle's radius on the screen
+BESIDE = (1.6, 0.0, 0.0)  # canonical: from the surface to the true one beside it
+# Lines between cells and sections of the ground, on a light page and a dark one.
+GROUND: dict[bool, tuple[Colour, Colour]] = {
+    False: ((236, 235, 232), (222, 220, 214)),
+    True: ((42, 42, 44), (58, 58, 62)),
+}
+TOOLS = ("Move", "Turn", "Resize")
+LOOKS = ("Parts", "Clay", "Wireframe")
 
 Click = Callable[[tuple[str, ...], bool], None]  # cuboids under the mouse, nearest first; with shift
 Move = Callable[[str, Float[ndarray, " 3"], Float[ndarray, "3 3"]], None]  # phase, centre, axes by rows
 Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), how far outwards
-
-
-def part_colours(state: State) -> dict[str, Colour]:
-    """A colour a part; those that mirror or repeat each other share it, and those of one label."""
-    links = [mirrors(state), repeats(state)]
-    labels = state.structure.labels()
-    colours: dict[str, Colour] = {}
-    number = count()
-    for part in state.cage.part_ids:
-        if part in colours:
-            continue
-        alike = {part}
-        while True:
-            words = {labels[each] for each in alike} - {""}
-            more = {*linked(sorted(alike), links), *(each for each in labels if labels[each] in words)}
-            if more == alike:
-                break
-            alike = more
-        colours |= dict.fromkeys(alike, _colour(next(number)))
-    return colours
-
-
-def _colour(number: int) -> Colour:
-    """The palette's, and when it ends softer ones around the wheel."""
-    if number < len(PART_COLOURS):
-        return rgb(PART_COLOURS[number])
-    red, green, blue = hsv_to_rgb(number * GOLDEN % 1, 0.35, 0.9)
-    return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def quaternion(axes: Float[ndarray, "3 3"]) -> Float[ndarray, " 4"]:
@@ -72,19 +46,8 @@ def axes_of(wxyz: Float[ndarray, " 4"]) -> Float[ndarray, "3 3"]:
 
 
 def handle_place(cuboid: Cuboid, axis: int, side: int) -> Float[ndarray, " 3"]:
-    """Where the handle of a face is: on it, or as far out as the gizmo needs."""
-    return cuboid.centre + side * max(cuboid.size[axis] / 2 + HANDLE_RADIUS, CLEAR) * cuboid.axes[axis]
-
-
-def framed(cage: Cage, towards: Float[ndarray, " 3"], fov: float) -> tuple[Float[ndarray, " 3"], Float[ndarray, " 3"]]:
-    """From where, in a direction, a camera sees a cage as large as may be, and the point that it looks at.
-
-    `fov` is the angle that the view takes upright, in radians.
-    """
-    corners = cage.corners().reshape(-1, 3)
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    radius = np.linalg.norm(corners - middle, axis=1).max()
-    return middle + ROOM * radius / np.sin(fov / 2) * towards / np.linalg.norm(towards), middle
+    """The middle of a face, where its handle is."""
+    return cuboid.centre + side * cuboid.size[axis] / 2 * cuboid.axes[axis]
 
 
 class Stage:
@@ -97,53 +60,130 @@ class Stage:
         self._boxes: dict[str, Any] = {}
         # Of boxes and gizmos: a node that had the name of an earlier one would begin with its pose.
         self._numbers = count()
-        self._cage: Cage | None = None  # as shown; None while hidden
-        self._pieces: list[Any] = []
+        self._cage: Cage | None = None  # of what can be clicked
+        self._pieces: list[tuple[str, Any]] = []  # of the surface, with their parts
         self._handles: dict[tuple[int, int], Any] = {}
+        self._following = threading.Lock()  # of what follows the camera, which the event loop says is elsewhere
+        # What the camera was placed for, the view's width over its height then, and its last places: what a page says
+        # of its camera may be older than the newest.
+        self._framed: tuple[Cage, float] | None = None
+        self._places: tuple[Float[ndarray, " 3"], ...] = (np.array(client.camera.position),)
         self._gizmo: Any = None
+        self._tool = ""  # that the gizmo was made for
+        self._edges: Any = None
+        self._outline: Any = None
         self._truth: Any = None
         self._scene.set_up_direction("+y")
         # Clicks are those of the whole scene: boxes that listened would keep the mouse from a gizmo behind them.
         self._scene.on_click()(lambda event: self._clicked(event, more=False))
         self._scene.on_click(modifier="shift")(lambda event: self._clicked(event, more=True))
+        cells, sections = GROUND[False]
         self._ground = self._scene.add_grid(
-            "/ground", 4.0, 4.0, plane="xz", cell_size=0.2, section_size=1.0, cell_color=(236, 235, 232),
-            section_color=(222, 220, 214), fade_distance=6.0,
+            "/ground", 4.0, 4.0, plane="xz", cell_size=0.2, section_size=1.0, cell_color=cells,
+            section_color=sections, fade_distance=6.0,
         )  # fmt: skip
+
+        async def looked(_: Any) -> None:
+            self._fit()
+            self._resize()
+
+        client.camera.on_update(looked)
+
+    def close(self) -> None:
+        """Follow the camera no more; viser keeps its callbacks as long as the page is there."""
+        with self._following:
+            self._framed, self._gizmo, self._handles = None, None, {}
+
+    # Where from
+
+    def frame(self, cage: Cage, view: str | None = None) -> None:
+        """Look at a cage so that it fills the view: from one of VIEWS, or from where the camera is."""
+        camera = self._client.camera
+        direction = np.array(VIEWS[view]) if view else camera.position - camera.look_at
+        position, target = camera_for(cage, direction, camera.fov, camera.aspect)
+        self._framed, self._places = (cage, camera.aspect), (*self._places[-1:], position)
+        with self._client.atomic():
+            camera.position = position  # viser takes what is looked at along
+            camera.look_at = target
+
+    def _fit(self) -> None:
+        """Frame the cage again where the view has another shape, until somebody looks from elsewhere."""
+        if self._framed is None:
+            return
+        cage, aspect = self._framed
+        camera = self._client.camera
+        if not any(np.allclose(camera.position, place, atol=1e-3) for place in self._places):
+            self._framed = None
+        elif abs(camera.aspect / aspect - 1) > 0.01:
+            self.frame(cage)
+
+    def _pixel(self, point: Float[ndarray, " 3"]) -> float:
+        """A pixel's length at a place."""
+        camera = self._client.camera
+        return world_per_pixel(float(np.linalg.norm(camera.position - point)), camera.fov, camera.image_height)
+
+    def _resize(self) -> None:
+        """Gizmo and handles as large on the screen as ever."""
+        with self._following:
+            sizes = [(handle, HANDLE_PIXELS) for handle in self._handles.values()]
+            if self._gizmo is not None:
+                sizes.append((self._gizmo, GIZMO_PIXELS))
+            for node, pixels in sizes:
+                scale = pixels * self._pixel(np.asarray(node.position))
+                if abs(node.scale - scale) > 0.02 * scale:
+                    node.scale = scale
+
+    # What is seen
+
+    def show_dark(self, dark: bool) -> None:
+        """The ground's lines for a dark page or a light one."""
+        self._ground.cell_color, self._ground.section_color = GROUND[dark]
 
     def show_ground(self, cage: Cage) -> None:
         """The ground, where a cage stands."""
         self._ground.position = (0.0, float(cage.corners()[:, :, 1].min()) - 2e-3, 0.0)
 
-    def frame(self, cage: Cage) -> None:
-        """The camera so far away that a cage fills the view, in the direction that it looks in."""
-        camera = self._client.camera
-        position, look_at = framed(cage, np.asarray(camera.position) - np.asarray(camera.look_at), camera.fov)
-        with self._client.atomic():
-            camera.position, camera.look_at = position, look_at
-
-    def show_surface(self, mesh: Mesh, state: State) -> None:
-        """A surface cut into its parts."""
-        cage, colours = state.cage, part_colours(state)
+    def show_surface(self, mesh: Mesh, cage: Cage, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
+        """A surface cut into its parts, in one of LOOKS."""
         owner, _ = cage.assign(mesh.corners().mean(axis=1)) if len(mesh.faces) else (np.zeros(0, int), None)
         with self._client.atomic():
-            for piece in self._pieces:
+            for _, piece in self._pieces:
                 piece.remove()
             self._pieces = [
-                self._scene.add_mesh_simple(
-                    f"/surface/{i}",
-                    own.vertices.astype(np.float32),
-                    own.faces.astype(np.uint32),
-                    color=colours[cage.part_ids[i]],
+                (
+                    cage.part_ids[i],
+                    self._scene.add_mesh_simple(
+                        f"/surface/{i}",
+                        own.vertices.astype(np.float32),
+                        own.faces.astype(np.uint32),
+                        color=rgb(CLAY) if look == "Clay" else colours[cage.part_ids[i]],
+                        wireframe=look == "Wireframe",
+                        visible=cage.part_ids[i] not in hidden,
+                    ),
                 )
                 for i in np.unique(owner).tolist()
                 if len((own := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
             ]
 
-    def show_cage(self, state: State, selected: Sequence[str], shown: bool) -> None:
-        """The cuboids; those of the same parts are moved, others are made anew. Selected ones have an outline."""
-        cage, colours = state.cage, part_colours(state)
-        self._cage = cage if shown else None
+    def show_look(self, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
+        """The same surface in another of LOOKS, or with other parts hidden."""
+        with self._client.atomic():
+            for part, piece in self._pieces:
+                piece.color = rgb(CLAY) if look == "Clay" else colours.get(part, rgb(CLAY))
+                piece.wireframe, piece.visible = look == "Wireframe", part not in hidden
+
+    def show_cage(
+        self,
+        cage: Cage,
+        colours: Mapping[str, Colour],
+        selected: Sequence[str],
+        hidden: Set[str],
+        locked: Set[str],
+        shown: bool,
+    ) -> None:
+        """The cuboids; those of the same parts are moved, others are made anew. Selecting changes outlines alone."""
+        free = [part for part in cage.part_ids if part not in hidden]
+        self._cage = Cage.of({part: cage[part] for part in free if part not in locked})
         with self._client.atomic():
             if tuple(self._boxes) != cage.part_ids:
                 for box in self._boxes.values():
@@ -152,12 +192,26 @@ class Stage:
             for part, box in self._boxes.items():
                 cuboid = cage[part]
                 box.position, box.wxyz, box.dimensions = cuboid.centre, quaternion(cuboid.axes), tuple(cuboid.size)
-                box.color, box.opacity, box.visible = colours[part], BOX_OPACITY, shown
-            chosen = [part in selected for part in cage.part_ids]
-            own = [colours[part] for part in cage.part_ids]
-            self._show_edges("/edges", cage.corners(), own, EDGE_WIDTH, shown)
-            outlines = cage.corners()[chosen]
-            self._show_edges("/outlines", outlines, [SELECTED] * len(outlines), OUTLINE_WIDTH, shown and any(chosen))
+                box.color, box.opacity, box.visible = colours[part], BOX_OPACITY, shown and part in free
+            edged = free if shown else []
+            own = np.array([colours[part] for part in edged], np.uint8).reshape(-1, 3)
+            self._edges = self._lines("/edges", cage, edged, own, EDGE_WIDTH)
+            outlined = [part for part in selected if part in cage.part_ids]
+            pink = np.tile(np.array(SELECTED, np.uint8), (len(outlined), 1))
+            self._outline = self._lines("/outline", cage, outlined, pink, OUTLINE_WIDTH)
+
+    def _lines(self, name: str, cage: Cage, parts: Sequence[str], colours: ndarray, width: float) -> Any:
+        """The edges of some cuboids; a node without any stays out of sight."""
+        corners = Cage.of({part: cage[part] for part in parts}).corners() if parts else np.zeros((1, 8, 3))
+        colours = colours if parts else np.zeros((1, 3), np.uint8)
+        return self._scene.add_line_segments(
+            name,
+            corners[:, EDGES].reshape(-1, 2, 3).astype(np.float32),
+            np.repeat(np.repeat(colours, len(EDGES), axis=0)[:, None], 2, axis=1),
+            thickness=width,
+            thickness_units="screen",
+            visible=bool(parts),
+        )
 
     def _box(self, cuboid: Cuboid) -> Any:
         return self._scene.add_box(f"/cuboids/{next(self._numbers)}", dimensions=tuple(cuboid.size), cast_shadow=False)
@@ -169,35 +223,26 @@ class Stage:
 
     def _on_handle(self, origin: Float[ndarray, " 3"], direction: Float[ndarray, " 3"]) -> bool:
         """Whether a ray meets a handle; what is grabbed isn't clicked."""
-        ways = [np.asarray(handle.position) - origin for handle in self._handles.values()]
-        return any(np.linalg.norm(np.cross(way, direction)) <= HANDLE_RADIUS for way in ways)
+        ways = [(np.asarray(handle.position) - origin, handle.scale) for handle in self._handles.values()]
+        return any(np.linalg.norm(np.cross(way, direction)) <= radius for way, radius in ways)
 
-    def _show_edges(
-        self, name: str, corners: Float[ndarray, "p 8 3"], colours: Sequence[Colour], width: float, shown: bool
-    ) -> None:
-        if not shown:
-            self._scene.remove_by_name(name)
+    def show_gizmo(self, centre: Float[ndarray, " 3"] | None, axes: Float[ndarray, "3 3"], tool: str) -> None:
+        """The gizmo there, with arrows or rings; nowhere with None, and where faces are pulled instead."""
+        if centre is None or tool not in ("Move", "Turn"):
+            self._remove_gizmo()
             return
-        lines = corners[:, EDGES].reshape(-1, 2, 3)
-        own = np.repeat(np.array(colours, np.uint8).reshape(-1, 3), len(EDGES), axis=0)
-        self._scene.add_line_segments(
-            name,
-            lines.astype(np.float32),
-            np.repeat(own[:, None], 2, axis=1),
-            thickness=width,
-            thickness_units="screen",
-        )
-
-    def show_gizmo(self, centre: Float[ndarray, " 3"] | None, axes: Float[ndarray, "3 3"]) -> None:
-        """The gizmo there; nowhere with None."""
-        if centre is None:
-            if self._gizmo is not None:
-                self._gizmo.remove()
-                self._gizmo = None
-            return
+        if self._tool != tool:
+            self._remove_gizmo()
         if self._gizmo is None:
+            self._tool = tool
             self._gizmo = self._scene.add_transform_controls(
-                f"/gizmo/{next(self._numbers)}", GIZMO_SIZE, depth_test=False, line_width=3.0
+                f"/gizmo/{next(self._numbers)}",
+                GIZMO_PIXELS * self._pixel(centre),
+                depth_test=False,
+                line_width=3.0,
+                disable_rotations=tool == "Move",
+                disable_axes=tool == "Turn",
+                disable_sliders=tool == "Turn",
             )
 
             # Callbacks that are coroutines are called in order.
@@ -206,26 +251,35 @@ class Stage:
 
             self._gizmo.on_update(dragged)
         self._gizmo.position, self._gizmo.wxyz = centre, quaternion(axes)
+        self._resize()
+
+    def _remove_gizmo(self) -> None:
+        with self._following:
+            if self._gizmo is not None:
+                self._gizmo.remove()
+                self._gizmo, self._tool = None, ""
 
     def show_handles(self, cuboid: Cuboid | None) -> None:
-        """A handle on each face of a cuboid; none with None."""
+        """A handle on each face of a cuboid, in its axis's colour; none with None."""
         if cuboid is None:
-            for handle in self._handles.values():
-                handle.remove()
-            self._handles = {}
+            with self._following:
+                for handle in self._handles.values():
+                    handle.remove()
+                self._handles = {}
             return
-        with self._client.atomic():
-            for axis in range(3):
-                for side in (-1, 1):
-                    if (axis, side) not in self._handles:
-                        self._handles[axis, side] = self._handle(axis, side)
-                    self._handles[axis, side].position = handle_place(cuboid, axis, side)
         self._handled = cuboid
+        with self._client.atomic():
+            with self._following:
+                for axis in range(3):
+                    for side in (-1, 1):
+                        if (axis, side) not in self._handles:
+                            self._handles[axis, side] = self._handle(axis, side)
+                        self._handles[axis, side].position = handle_place(cuboid, axis, side)
+            self._resize()
 
     def _handle(self, axis: int, side: int) -> Any:
-        handle = self._scene.add_icosphere(
-            f"/handles/{'xyz'[axis]}{'+' if side > 0 else '-'}", HANDLE_RADIUS, SELECTED, cast_shadow=False
-        )
+        name = f"/handles/{next(self._numbers)}{'xyz'[axis]}{'+' if side > 0 else '-'}"
+        handle = self._scene.add_icosphere(name, 1.0, AXES[axis], scale=0.02, cast_shadow=False)
         grabbed: dict[str, ndarray] = {}
 
         async def dragged(event: Any) -> None:
@@ -245,7 +299,7 @@ class Stage:
         if mesh is not None and opacity > 0:
             self._truth = self._scene.add_mesh_simple(
                 "/truth", mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32), color=rgb(CLAY),
-                opacity=opacity if opacity < 1 else None, position=(BESIDE, 0.0, 0.0),
+                opacity=opacity if opacity < 1 else None, position=BESIDE,
             )  # fmt: skip
 
 

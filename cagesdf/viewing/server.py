@@ -4,7 +4,7 @@ import errno
 import re
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
@@ -16,10 +16,9 @@ from viser.infra import _infra as viser_sockets
 from websockets.asyncio import server as sockets
 
 from cagesdf.errors import InputError
-from cagesdf.viewing.scene import framed
+from cagesdf.viewing.framing import VIEWS, camera_for
 from cagesdf.viewing.tab import Opened, Tab
 
-TOWARDS = np.array([1.25, 0.75, 2.05])  # the camera at first; canonical
 PORTS = range(8080, 8180)  # that are tried where none is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Pages of this machine, and what is no page.
@@ -79,16 +78,21 @@ class Server(viser.ViserServer):
 class Editor:
     """A server with one tab a client; what a tab holds is freed when its page is closed."""
 
-    def __init__(self, opened: Opened, host: str, port: int | None, threads: int) -> None:
-        """`port` as `free_port` takes it; the network is evaluated by `threads` threads for all tabs together."""
-        self._opened = opened
+    def __init__(self, runs: Mapping[str, Opened], host: str, port: int | None, threads: int) -> None:
+        """`port` as `free_port` takes it; networks are evaluated by `threads` threads for all tabs together.
+
+        A page begins with the first of the runs, by name.
+        """
+        self._runs = runs
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="network")
         self._tabs: dict[int, Tab] = {}
         self._lock = threading.Lock()
         self.server = Server(host, port)
         self.server.scene.set_up_direction("+y")
-        camera = self.server.initial_camera
-        camera.position, camera.look_at = framed(opened.session.opened(opened.first).cage, TOWARDS, camera.fov)
+        # Pages frame their shape for their own size; this is what they begin with.
+        first, camera = next(iter(runs.values())), self.server.initial_camera
+        cage = first.session.opened(first.first).cage
+        camera.position, camera.look_at = camera_for(cage, np.array(VIEWS["Perspective"]), camera.fov, 1.0)
         self.server.on_client_connect(self._come)
         self.server.on_client_disconnect(self._leave)
 
@@ -114,7 +118,18 @@ class Editor:
         self._pool.shutdown()
 
     def _come(self, client: viser.ClientHandle) -> None:
-        tab = Tab(client, self._opened, self._pool, np.random.default_rng())
+        self._open(client, next(iter(self._runs)))
+
+    def _open(self, client: viser.ClientHandle, run: str) -> None:
+        """A tab for a run, in the place of the one before."""
+        with self._lock:
+            before = self._tabs.pop(client.client_id, None)
+        if before is not None:
+            before.close()
+            client.scene.remove_click_callback()
+            client.gui.reset()
+            client.scene.reset()
+        tab = Tab(client, self._runs, run, partial(self._open, client), self._pool, np.random.default_rng())
         with self._lock:
             self._tabs[client.client_id] = tab
 
@@ -144,9 +159,9 @@ def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[N
 
 
 @contextmanager
-def serving(opened: Opened, host: str, port: int | None, threads: int) -> Iterator[Editor]:
-    """An editor for the time of the context."""
-    editor = Editor(opened, host, port, threads)
+def serving(runs: Mapping[str, Opened], host: str, port: int | None, threads: int) -> Iterator[Editor]:
+    """An editor of some runs, by name, for the time of the context."""
+    editor = Editor(runs, host, port, threads)
     try:
         yield editor
     finally:

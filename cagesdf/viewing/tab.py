@@ -2,31 +2,35 @@
 
 import hashlib
 import threading
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import viser
 from jaxtyping import Float, Float32
 from numpy import ndarray
-from scipy.spatial.transform import Rotation as Turn
+from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage
+from cagesdf.distance import SurfaceDistance
 from cagesdf.editing.document import Document
+from cagesdf.editing.health import Health
 from cagesdf.editing.operations import SMALLEST
-from cagesdf.editing.parts import parameters, part_names, select
+from cagesdf.editing.parts import free_name, parameters, part_names
 from cagesdf.editing.script import (
+    Add,
     Axis,
     Blend,
     Build,
     Delete,
     Duplicate,
     End,
-    Frame,
     Mix,
     Move,
     Operation,
@@ -48,17 +52,24 @@ from cagesdf.meshes import Mesh
 from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
+from cagesdf.viewing.angles import AXES, angles_of, turns
+from cagesdf.viewing.colours import Colour, part_colours
+from cagesdf.viewing.framing import VIEWS
+from cagesdf.viewing.keys import KEYS, card
 from cagesdf.viewing.panel import NOTHING, Actions, Panel
+from cagesdf.viewing.parameters import grouped
+from cagesdf.viewing.partlist import PartList
 from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
-from cagesdf.viewing.scene import Stage, label_of
+from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
 from cagesdf.viewing.snapping import snapped
 from cagesdf.viewing.styles import StyleSpace
 from cagesdf.viewing.worker import FINE, Made, Worker
 
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 DRAWS = 4  # for a new shape
 PICTURE = 220  # pixels along a side of a thumbnail
+GAP = 1.2  # between a part and its copy, in the part's own extent
+NEW_PART = 0.25  # canonical: lengths of a cuboid that is added
 
 
 Truths = Callable[[str], Mesh | None]  # the parts of a shape, canonical, as one mesh; None where it isn't known
@@ -71,6 +82,7 @@ class Taken:
     structure: Structure  # with cuboids, canonical
     latent: Float32[ndarray, " d"]
     similarity: Similarity  # raw → canonical
+    truth: Mesh  # its own surface, canonical
     verdict: str  # whether it is like those that the network was trained on
 
 
@@ -90,13 +102,27 @@ class Tab:
     """The state of one visitor. Callbacks may come from several threads; each waits for the one before."""
 
     def __init__(
-        self, client: viser.ClientHandle, opened: Opened, pool: ThreadPoolExecutor, rng: np.random.Generator
+        self,
+        client: viser.ClientHandle,
+        runs: Mapping[str, Opened],
+        run: str,
+        open_run: Callable[[str], None],
+        pool: ThreadPoolExecutor,
+        rng: np.random.Generator,
     ) -> None:
+        """A tab for the run of that name; `open_run` is called for a tab with another one in its place."""
+        opened = runs[run]
         self._client, self._opened, self._rng = client, opened, rng
         self._lock = threading.RLock()
         self._selected: tuple[str, ...] = ()
+        self._hidden: frozenset[str] = frozenset()
+        self._locked: frozenset[str] = frozenset()
+        self._coloured: tuple[Structure, dict[str, Colour]] | None = None
         self._made: Made | None = None
-        self._number = 0  # of generated shapes
+        self._shapes: dict[str, Document] = {}  # that were made here, by name, newest first
+        self._uploaded: dict[str, Mesh] = {}  # true surfaces of those from files, canonical, by name
+        self._pictures: list[tuple[State, Any]] = []  # thumbnails that wait for their surface
+        self._problem: Any = None  # the notification of the last one
         self._sliding: tuple[object, ...] = ()  # the control whose last operation is replaced while it moves on
         self._document = self._fresh(opened.first)
         self._stage = Stage(client, self._click, self._moved, self._pulled)
@@ -107,16 +133,16 @@ class Tab:
                 undo=self._undo,
                 redo=self._redo,
                 reset=self._reset,
-                select=self._choose,
                 place=self._place,
                 lengths=self._lengths,
-                turn=self._turn,
-                escape=lambda: self._select(()),
-                frame=self._look,
-                duplicate=self._duplicate,
-                delete=self._delete,
-                split=self._split,
+                angles=self._angles,
                 redraw=self._redraw,
+                compare=self._compare,
+                look=self._look,
+                darken=self._darken,
+                view=self._view,
+                help=self._help,
+                open_run=open_run,
                 set_parameter=self._set,
                 blend=self._blend,
                 mix=self._mix,
@@ -130,73 +156,142 @@ class Tab:
                 upload_program=self._upload_program,
                 upload_parts=self._upload_parts,
             ),
+            tuple(runs),
+            run,
             sorted(opened.session.run.sequences),
             len(opened.styles.directions),
             opened.session.styles.by_part,
             opened.generator is not None,
-            opened.truth(opened.first) is not None,
             self._guarded,
         )
+        self._parts = PartList(client, self._pick, self._act, self._guarded)
+        self._bind_keys()
         self._panel.shape.value = opened.first
-        self._worker = Worker(opened.session, pool, self._show, self._complain)
+        self._worker = Worker(opened.session, pool, self._show, self._refuse)
         self._stage.show_ground(self._document.state.cage)
+        self._stage.frame(self._document.state.cage, "Perspective")
         self._redraw()
         self._worker.want(self._document.state)
+
+    def _bind_keys(self) -> None:
+        actions: dict[str, Callable[[], None]] = {
+            **{tool.lower(): partial(self._take_tool, tool) for tool in TOOLS},
+            **{view.lower(): partial(self._view, view) for view in VIEWS},
+            "undo": self._undo,
+            "redo": self._redo,
+            "nothing": lambda: self._select(()),
+            "everything": lambda: self._select(self._document.state.cage.part_ids),
+            "duplicate": partial(self._act, "Duplicate"),
+            "delete": partial(self._act, "Delete"),
+            "hide": partial(self._act, "Hide"),
+            "show": partial(self._act, "Show all"),
+            "frame": self._frame_selection,
+            "look": self._next_look,
+            "cuboids": self._toggle_cuboids,
+            "help": self._help,
+        }
+        for word, keys in KEYS.items():
+            for key in keys:
+                command = self._client.gui.add_command(key.does, hotkey=key.key, modifier=key.held)
+                command.on_trigger(partial(lambda act, _: self._guarded(act), actions[word]))
 
     def close(self) -> None:
         """Free what the tab holds."""
         self._worker.close()
+        self._stage.close()
 
     # What is shown
 
     def _show(self, made: Made) -> None:
         self._made = made
         mesh, state = made.found.mesh, made.state
-        self._stage.show_surface(mesh, state)
+        self._stage.show_surface(mesh, state.cage, self._colours(state), self._hidden, self._panel.look.value)
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
-        self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces, {mark}"
-        self._say(f"surface of {made.cells} cells in {made.seconds:.2f} s, {made.found.asked:,} points asked")
+        self._panel.mark.value = f"{made.cells} cells, {mark}"
+        self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
+        self._say(f"{made.cells} cells in {made.seconds:.2f} s")
+        if made.cells == FINE:
+            health = Health.of(made.found, state, made.cells)
+            self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
+            self._picture(made)
+
+    def _nearness(self, mesh: Mesh) -> str:
+        """How far a canonical surface is from that of the file that the shape comes from."""
+        truth = self._uploaded.get(self._document.name)
+        if truth is None or not len(mesh.faces):
+            return ""
+        distance = SurfaceDistance(truth).unsigned(mesh.vertices).mean() / self._document.state.similarity.scale
+        return f"; {distance:.2g} from the file's surface on average"
+
+    def _picture(self, made: Made) -> None:
+        """Have the surface drawn for the thumbnails that wait for it: in a process, for which nobody waits."""
+        waiting = [image for state, image in self._pictures if state is made.state]
+        self._pictures = [pair for pair in self._pictures if pair[0] is not made.state]
+        if waiting and len(made.found.mesh.faces):
+            threading.Thread(target=_draw, args=(made.found.mesh, waiting), name="thumbnail", daemon=True).start()
 
     def _say(self, text: str) -> None:
         self._panel.status.value = text
 
     def _guarded(self, act: Callable[[], None]) -> None:
-        """Do something; what is wrong with it is said in the status line, and nothing has changed then."""
+        """Do something; what is wrong with it is said, and nothing has changed then."""
         with self._lock, saying(self._refuse):
             act()
 
-    def _complain(self, text: str) -> None:
-        """What went wrong stays to be read until it is dismissed."""
-        self._say(text)
-        self._client.add_notification("Not done", text, color="red")
-
     def _refuse(self, text: str) -> None:
-        self._complain(text)
+        """Say what is wrong: it stays until it is dismissed, or something else is wrong."""
+        with suppress(Exception):  # it may be dismissed by now
+            if self._problem is not None:
+                self._problem.remove()
+        self._problem = self._client.add_notification("Not done", text, color="red")
         self._redraw()
+
+    def _colours(self, state: State) -> dict[str, Colour]:
+        if self._coloured is None or self._coloured[0] is not state.structure:
+            self._coloured = state.structure, part_colours(state)
+        return self._coloured[1]
+
+    def _show_cage(self, state: State) -> None:
+        self._stage.show_cage(
+            state.cage,
+            self._colours(state),
+            self._selected,
+            self._hidden,
+            self._locked,
+            bool(self._panel.shown.value),
+        )
+
+    def _look(self) -> None:
+        state = self._document.state if self._made is None else self._made.state
+        self._stage.show_look(self._colours(state), self._hidden, self._panel.look.value)
 
     def _redraw(self, state: State | None = None) -> None:
         """Cuboids, gizmo and numbers: of the document, or of a state on the way."""
         state = state or self._document.state
         names = part_names(state.structure)
         self._selected = tuple(part for part in self._selected if part in names)
-        shown = self._panel.shown.value
-        self._stage.show_cage(state, self._selected, shown)
+        self._show_cage(state)
         centre, axes = self._frame(state)
-        self._stage.show_gizmo(centre if shown else None, axes)
+        tool = self._panel.tool.value
+        self._stage.show_gizmo(centre, axes, tool)
         one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
-        self._stage.show_handles(one if shown else None)
-        groups = [label for label, count in Counter(state.structure.labels().values()).items() if label and count > 1]
-        self._panel.show_parts([*names.values(), *groups], label_of(names, self._selected) if one is not None else None)
+        self._stage.show_handles(one if tool == "Resize" else None)
+        colours = self._colours(state)
+        self._parts.show(state, colours, self._selected, self._hidden, self._locked)
         unit = state.similarity
         self._panel.show_cuboid(
-            len(self._selected),
             None if one is None else unit.to_raw(one.centre[None])[0],
-            None if one is None else one.size / unit.scale,
+            None if one is None else one.size[[state.own_axis(axis)[0] for axis in AXES]] / unit.scale,
+            None if one is None else angles_of(state, one).round(2),
         )
         placed = state.structure.placed_program()
-        self._panel.show_program({} if placed is None else parameters(placed[0]))
+        values = {} if placed is None else parameters(placed[0])
+        self._panel.show_program(values, grouped(state.structure, values))
         self._panel.show_style(self._opened.styles.places(state.latent))
-        self._stage.show_truth(self._opened.truth(self._document.shape_id), self._panel.truth.value)
+        self._panel.show_shapes([*self._shapes], self._document.name)
+        truth = self._uploaded.get(self._document.name) or self._opened.truth(self._document.name)
+        self._panel.truth.visible = truth is not None
+        self._stage.show_truth(truth, self._panel.truth.value)
 
     def _frame(self, state: State) -> tuple[Float[ndarray, " 3"] | None, Float[ndarray, "3 3"]]:
         """Where the gizmo is, and its axes: the cuboid's own, or the user's around several."""
@@ -211,8 +306,14 @@ class Tab:
     def _click(self, parts: tuple[str, ...], more: bool) -> None:
         self._guarded(lambda: self._select(clicked(parts, self._selected, more)))
 
-    def _choose(self, name: str) -> None:
-        self._select(() if name == NOTHING else select(self._document.state.structure, name))
+    def _pick(self, parts: tuple[str, ...], more: bool) -> None:
+        """An entry of the list was clicked; with `more` it is added, or taken away if it is all selected."""
+        if not more:
+            self._select(parts)
+        elif set(parts) <= set(self._selected):
+            self._select(tuple(part for part in self._selected if part not in parts))
+        else:
+            self._select(tuple(dict.fromkeys((*self._selected, *parts))))
 
     def _select(self, parts: tuple[str, ...]) -> None:
         self._selected = parts
@@ -220,15 +321,127 @@ class Tab:
         self._say(f"selected: {label_of(part_names(self._document.state.structure), parts)}")
 
     @property
-    def _pattern(self) -> str:
+    def _names(self) -> list[str]:
+        """Names of the parts that are selected."""
         names = part_names(self._document.state.structure)
-        return "|".join(names[part] for part in self._selected)
+        return [names[part] for part in self._selected]
+
+    @property
+    def _pattern(self) -> str:
+        """The selection, for an operation. Raises InputError where nothing is selected, or a part is locked."""
+        if not self._selected:
+            raise InputError("no part is selected; click those that are meant")
+        for part, name in zip(self._selected, self._names):
+            if part in self._locked:
+                raise InputError(f"{name} is locked; select it in the list and press Lock again")
+        return "|".join(self._names)
 
     @property
     def _one(self) -> str:
         if len(self._selected) != 1:
             raise InputError(f"wanted one cuboid selected, not {len(self._selected)}")
         return self._selected[0]
+
+    def _hide(self) -> None:
+        self._hidden |= frozenset(self._selected)
+        self._selected = ()
+        self._look()
+        self._redraw()
+
+    def _show_all(self) -> None:
+        self._hidden = frozenset()
+        self._look()
+        self._redraw()
+
+    def _lock_or_free(self) -> None:
+        parts = frozenset(self._selected)
+        self._locked = self._locked - parts if parts <= self._locked else self._locked | parts
+        self._redraw()
+
+    # What is seen, and with which tool
+
+    def _take_tool(self, tool: str) -> None:
+        self._panel.tool.value = tool
+        self._redraw()
+
+    def _view(self, view: str) -> None:
+        self._stage.frame(self._document.state.cage, view)
+
+    def _compare(self) -> None:
+        """The true surface beside the other, and both in view."""
+        self._redraw()
+        cage = self._document.state.cage
+        beside = {f"{part} beside": replace(own, centre=own.centre + BESIDE) for part, own in cage.cuboids().items()}
+        self._stage.frame(Cage.of({**cage.cuboids(), **(beside if self._panel.truth.value > 0 else {})}))
+
+    def _frame_selection(self) -> None:
+        cage = self._document.state.cage
+        self._stage.frame(_only(cage, self._selected) if self._selected else cage)
+
+    def _next_look(self) -> None:
+        self._panel.look.value = LOOKS[(LOOKS.index(self._panel.look.value) + 1) % len(LOOKS)]
+        self._look()
+
+    def _darken(self) -> None:
+        self._panel.theme(self._panel.dark.value)
+        self._stage.show_dark(self._panel.dark.value)
+
+    def _toggle_cuboids(self) -> None:
+        self._panel.shown.value = not self._panel.shown.value
+        self._redraw()
+
+    def _help(self) -> None:
+        card_window = self._client.gui.add_modal("Keys")
+        with card_window:
+            self._client.gui.add_markdown(card())
+            self._client.gui.add_button("Close").on_click(lambda _: card_window.close())
+
+    # Parts that come and go
+
+    def _act(self, word: str) -> None:
+        """What a button of the list says."""
+        actions = {
+            "Hide": self._hide,
+            "Lock": self._lock_or_free,
+            "Show all": self._show_all,
+            "Duplicate": self._duplicate,
+            "Split": self._split,
+            "Delete": lambda: self._do(Delete(part=self._pattern, mirror=self._mirror)),
+            "Add": self._add,
+        }
+        actions[word]()
+
+    def _duplicate(self) -> None:
+        """A copy beside the part: along the axis along which it is shortest, as slats and books stand."""
+        state, pattern = self._document.state, self._pattern
+        extent = np.ptp(state.similarity.to_raw(_only(state.cage, self._selected).corners().reshape(-1, 3)), axis=0)
+        way = [0.0, 0.0, 0.0]
+        way[int(extent.argmin())] = GAP * float(extent.min())
+        x, y, z = way
+        self._do_and_select(Duplicate(part=pattern, by=(x, y, z), mirror=self._mirror))
+        self._panel.repeat.value = False
+        self._say(f"{', '.join(self._names)}: copied; repeated parts don't follow now")
+
+    def _split(self) -> None:
+        """Across the longest axis."""
+        axis, _ = _named(self._document.state, int(self._document.state.cage[self._one].size.argmax()))
+        self._do_and_select(Split(part=self._pattern, axis=axis, mirror=self._mirror, repeat=self._repeat))
+
+    def _add(self) -> None:
+        """A cuboid on the top of the shape."""
+        state = self._document.state
+        corners = state.cage.corners().reshape(-1, 3)
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        middle[1] = corners[:, 1].max() + NEW_PART / 2
+        centre_x, centre_y, centre_z = state.similarity.to_raw(middle[None])[0].tolist()
+        length = NEW_PART / state.similarity.scale
+        self._do_and_select(Add(name="part", centre=(centre_x, centre_y, centre_z), lengths=(length, length, length)))
+
+    def _do_and_select(self, operation: Operation) -> None:
+        """Go on with an operation, and select the parts that come of it."""
+        before = self._document.state.cage.part_ids
+        self._do(operation)
+        self._select(tuple(part for part in self._document.state.cage.part_ids if part not in before))
 
     # Operations
 
@@ -248,8 +461,8 @@ class Tab:
     def _preview(self, operation: Operation) -> None:
         """Show where an operation leads that isn't finished yet."""
         state = self._document.then(operation, self._opened.session.styles).state
-        self._stage.show_cage(state, self._selected, shown=True)
-        if len(self._selected) == 1:
+        self._show_cage(state)
+        if len(self._selected) == 1 and self._panel.tool.value == "Resize":
             self._stage.show_handles(state.cage[self._selected[0]])
         self._worker.want(state)
 
@@ -272,21 +485,18 @@ class Tab:
         before, own = self._frame(state)
         if before is None:
             return None
-        turn = _turned(own, axes)
+        turn = _turn(own, axes)
         if turn is not None:
             row, degrees = turn
             if len(self._selected) == 1:
                 axis, sign = _named(state, row)
-                return Rotate(
-                    part=self._pattern, axis=axis, angle=sign * degrees, mirror=self._mirror, repeat=self._repeat
-                )
+                return Rotate(part=self._pattern, axis=axis, angle=sign * degrees, **self._followers)
             return Rotate(
                 part=self._pattern,
                 axis=AXES[row],
                 angle=degrees,
                 frame="shape",
-                mirror=self._mirror,
-                repeat=self._repeat,
+                **self._followers,
             )
         way = centre - before
         if not way.any():
@@ -300,7 +510,7 @@ class Tab:
 
     def _move(self, way: Float[ndarray, " 3"]) -> Operation:
         x, y, z = (self._document.state.similarity.rotation.T @ way / self._document.state.similarity.scale).tolist()
-        return Move(part=self._pattern, by=(x, y, z), mirror=self._mirror, repeat=self._repeat)
+        return Move(part=self._pattern, by=(x, y, z), **self._followers)
 
     def _pulled(self, phase: str, axis: int, side: int, way: float) -> None:
         """A face was dragged outwards by `way`, canonical."""
@@ -313,9 +523,7 @@ class Tab:
             keep: End = "low" if side * sign > 0 else "high"
             self._drag(
                 phase,
-                Resize(
-                    part=self._pattern, axis=name, factor=factor, keep=keep, mirror=self._mirror, repeat=self._repeat
-                ),
+                Resize(part=self._pattern, axis=name, factor=factor, keep=keep, **self._followers),
             )
 
         self._guarded(act)
@@ -328,6 +536,11 @@ class Tab:
     def _repeat(self) -> bool:
         return bool(self._panel.repeat.value)
 
+    @property
+    def _followers(self) -> dict[str, Any]:
+        """Who follows an operation."""
+        return {"mirror": self._mirror, "repeat": self._repeat, "attach": bool(self._panel.attach.value)}
+
     def _place(self, centre: tuple[float, float, float]) -> None:
         state = self._document.state
         there = state.similarity.to_canonical(np.array([centre]))[0]
@@ -335,53 +548,19 @@ class Tab:
 
     def _lengths(self, lengths: tuple[float, float, float]) -> None:
         state = self._document.state
-        if min(lengths) < SMALLEST / state.similarity.scale:
-            raise InputError(f"lengths are at least {SMALLEST / state.similarity.scale:.3g}")
-        factors = np.array(lengths) * state.similarity.scale / state.cage[self._one].size
-        for row in np.flatnonzero(np.abs(factors - 1) > 1e-4).tolist():
-            axis, _ = _named(state, row)
-            self._do(
-                Resize(
-                    part=self._pattern, axis=axis, factor=float(factors[row]), mirror=self._mirror, repeat=self._repeat
-                )
-            )
+        least = SMALLEST / state.similarity.scale
+        if min(lengths) < least:
+            raise InputError(f"lengths are at least {least:.1g}")
+        for axis, length in zip(AXES, lengths):
+            row, _ = state.own_axis(axis)
+            factor = length * state.similarity.scale / float(state.cage[self._one].size[row])
+            if abs(factor - 1) > 1e-4:
+                self._do(Resize(part=self._pattern, axis=axis, factor=factor, **self._followers))
 
-    def _turn(self, degrees: tuple[float, float, float]) -> None:
-        frame: Frame = "cuboid" if len(self._selected) == 1 else "shape"
-        for axis, angle in zip(AXES, degrees):
-            if angle:
-                turn = Rotate(
-                    part=self._pattern, axis=axis, angle=angle, frame=frame, mirror=self._mirror, repeat=self._repeat
-                )
-                self._do(turn)
-
-    def _duplicate(self) -> None:
-        """Copies beside what is selected, which are selected then."""
+    def _angles(self, angles: tuple[float, float, float]) -> None:
         state = self._document.state
-        self._some()
-        corners = _only(state.cage, self._selected).corners().reshape(-1, 3)
-        way = np.ptp(corners @ state.similarity.rotation, axis=0)[0] / state.similarity.scale
-        self._do(Duplicate(part=self._pattern, by=(float(way), 0.0, 0.0), mirror=self._mirror))
-        self._select(tuple(part for part in self._document.state.cage.part_ids if part not in state.cage.part_ids))
-
-    def _delete(self) -> None:
-        self._some()
-        self._do(Delete(part=self._pattern, mirror=self._mirror))
-
-    def _split(self) -> None:
-        """Across the longest axis of the first cuboid selected."""
-        self._some()
-        state = self._document.state
-        axis, _ = _named(state, int(state.cage[self._selected[0]].size.argmax()))
-        self._do(Split(part=self._pattern, axis=axis, mirror=self._mirror))
-
-    def _some(self) -> None:
-        if not self._selected:
-            raise InputError("no part is selected; click one first")
-
-    def _look(self) -> None:
-        cage = self._document.state.cage
-        self._stage.frame(_only(cage, self._selected) if self._selected else cage)
+        for axis, angle in turns(state, state.cage[self._one], angles):
+            self._do(Rotate(part=self._pattern, axis=axis, angle=angle, **self._followers))
 
     def _set(self, parameter: str, value: float) -> None:
         if parameter != NOTHING:
@@ -394,8 +573,6 @@ class Tab:
     def _mix(self, shape_id: str, weight: float) -> None:
         if shape_id == NOTHING:
             return
-        if not self._selected:
-            raise InputError("no part is selected; click those that are to take the style")
         mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, mirror=self._mirror, repeat=self._repeat)
         self._do(mix, ("mix", self._selected, shape_id))
 
@@ -412,10 +589,36 @@ class Tab:
     def _fresh(self, shape_id: str) -> Document:
         return Document.opened(shape_id, self._opened.session.opened(shape_id))
 
-    def _open(self, shape_id: str) -> None:
-        self._selected = ()
-        self._become(self._fresh(shape_id))
-        self._look()
+    def _open(self, name: str) -> None:
+        self._take(self._shapes.get(name) or self._fresh(name))
+
+    def _take(self, document: Document) -> None:
+        """Go on with a document of its own."""
+        self._selected, self._hidden, self._locked = (), frozenset(), frozenset()
+        self._become(document)
+        self._stage.frame(document.state.cage, "Perspective")
+        self._say(f"{document.name}: its surface is being made")
+
+    def _remember(self, document: Document) -> None:
+        """A shape that was made here: in the list, with a thumbnail, and open."""
+        self._shapes = {document.name: document, **self._shapes}
+        blank = np.full((PICTURE, PICTURE, 3), 255, np.uint8)
+        image = self._panel.add_made(document.name, blank, lambda: self._take(document))
+        self._pictures.append((document.state, image))
+        self._take(document)
+
+    def _new_name(self, text: str) -> str:
+        return free_name(text, [*self._shapes, *self._opened.session.run.sequences])
+
+    @contextmanager
+    def _working(self, what: str) -> Iterator[None]:
+        """Say meanwhile what is being done."""
+        self._say(f"{what} …")
+        notice = self._client.add_notification(what, "", loading=True, with_close_button=False)
+        try:
+            yield
+        finally:
+            notice.remove()
 
     def _undo(self) -> None:
         self._become(self._document.undone(self._opened.session.styles))
@@ -429,36 +632,33 @@ class Tab:
     def _generate(self, temperature: float) -> None:
         if self._opened.generator is None:
             raise InputError("this run has no generator of new cuboids")
-        self._draw(self._opened.generator, temperature)
-        self._surprise(1.0)
-        self._number += 1
-        document, state = self._document, self._document.state
-        colours = (CLAY,) * len(state.cage)
-        [pictures], _ = render_rows([[Scene(cage=state.cage, cage_colours=colours)]], PICTURE)
-        self._panel.add_made(side_by_side(pictures, 1), f"Take shape {self._number}", lambda: self._become(document))
+        with self._working("Drawing a new shape"):
+            built = self._draw(self._opened.generator, temperature)
+            code = self._opened.styles.drawn(self._rng, 1.0)
+            document = built.then(Style(code=tuple(code.tolist())), self._opened.session.styles)
+            self._remember(document.named(self._new_name("new")))
 
-    def _draw(self, generator: Generator, temperature: float) -> None:
-        """Go on with the first new structure that can be edited: a cuboid may be too thin for it."""
+    def _draw(self, generator: Generator, temperature: float) -> Document:
+        """The first new structure that can be edited: a cuboid may be too thin for it."""
         found = draw_cages(generator, self._rng, DRAWS, temperature)
         reasons = [*found.failures]
         for generated in found.kept:
             try:
-                return self._build(generated)
+                return self._built(generated)
             except InputError as error:
                 reasons.append(str(error))
         raise InputError(f"no draw gave a shape to edit: {'; '.join(reasons)}; lower the temperature")
 
-    def _build(self, generated: Generated) -> None:
+    def _built(self, generated: Generated) -> Document:
         structure = generated.structure
         if structure.placed_program() is None:
             structure = structure.with_cuboids(generated.cage.cuboids())
-        self._selected = ()
-        self._do(Build(structure=structure.to_json()))
+        return self._document.then(Build(structure=structure.to_json()), self._opened.session.styles)
 
     # Files
 
     def _save(self) -> None:
-        name = f"{self._document.shape_id}.json"
+        name = f"{self._document.name}.json"
         self._client.send_file_download(name, dump(self._document.script).encode(), save_immediately=True)
 
     def _load(self, name: str, content: bytes) -> None:
@@ -468,11 +668,11 @@ class Tab:
 
     def _export(self, ending: str) -> None:
         content = files.exported(self._fine(), self._document.state, ending)
-        self._download(f"{self._document.shape_id}.{ending}", content)
+        self._download(f"{self._document.name}.{ending}", content)
 
     def _export_cuboids(self, ending: str) -> None:
         content = files.exported_boxes(self._fine(), self._document.state, ending)
-        self._download(f"{self._document.shape_id}-cuboids.{ending}", content)
+        self._download(f"{self._document.name}-cuboids.{ending}", content)
 
     def _fine(self) -> Extraction:
         """What `cagesdf edit` gives, canonical."""
@@ -486,31 +686,39 @@ class Tab:
         self._say(f"{name}: {len(content):,} bytes")
 
     def _upload_parts(self, name: str, content: bytes) -> None:
-        self._say(f"{name}: fitting cuboids, and the style that explains it best")
-        with TemporaryDirectory() as folder:
-            try:
-                taken = self._opened.take(files.meshes_of(name, content, Path(folder)))
-            except InputError as error:
-                raise InputError(str(error).replace(f"{folder}/", "").replace(folder, name)) from error
-        styles = self._opened.session.styles
-        build = Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers()))
-        document = self._document.then(build, styles).then(Style(code=tuple(taken.latent.tolist())), styles)
-        self._selected = ()
-        self._become(document)
+        with self._working(f"{name}: fitting cuboids, and the style that explains it best"):
+            with TemporaryDirectory() as folder:
+                try:
+                    taken = self._opened.take(files.meshes_of(name, content, Path(folder)))
+                except InputError as error:
+                    raise InputError(str(error).replace(f"{folder}/", "").replace(folder, name)) from error
+            styles = self._opened.session.styles
+            build = Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers()))
+            document = self._document.then(build, styles).then(Style(code=tuple(taken.latent.tolist())), styles)
+            document = document.named(self._new_name(PurePosixPath(name).stem))
+            self._uploaded[document.name] = taken.truth
+            self._remember(document)
         self._client.add_notification(name, f"{len(self._document.state.cage)} cuboids; {taken.verdict}")
 
     def _upload_program(self, name: str, content: bytes) -> None:
-        self._build(of_program(files.program_of(name, content), self._opened.session.run))
-        self._say(f"{name}: {len(self._document.state.cage)} cuboids")
+        document = self._built(of_program(files.program_of(name, content), self._opened.session.run))
+        self._remember(document.named(self._new_name(PurePosixPath(name).stem)))
+
+
+def _draw(mesh: Mesh, images: Sequence[Any]) -> None:
+    """A surface in some thumbnails."""
+    [pictures], _ = render_rows([[Scene(meshes=(mesh,), colours=(CLAY,))]], PICTURE)
+    for image in images:
+        image.image = side_by_side(pictures, 1)
 
 
 def _only(cage: Cage, parts: Sequence[str]) -> Cage:
     return Cage.of({part: cage[part] for part in parts})
 
 
-def _turned(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
+def _turn(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
     """About which of its axes a frame has turned most, and by how many degrees; None if it hasn't."""
-    vector = Turn.from_matrix(before @ after.T).as_rotvec(degrees=True)
+    vector = Rotation.from_matrix(before @ after.T).as_rotvec(degrees=True)
     row = int(np.abs(vector).argmax())
     return (row, float(vector[row])) if abs(vector[row]) > 1e-3 else None
 

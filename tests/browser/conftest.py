@@ -28,7 +28,7 @@ FLAGS = (
     "--disable-quic", "--disable-extensions",
 )  # fmt: skip
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-SIZE = ViewportSize(width=1600, height=1000)
+SIZE = ViewportSize(width=1280, height=800)
 
 
 def chromium() -> str:
@@ -67,7 +67,7 @@ def editor() -> Iterator[Editor]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
-    with serving(demo, "127.0.0.1", 0, 2) as running:
+    with serving({"demo": demo, "again": demo}, "127.0.0.1", 0, 2) as running:
         yield running
     torch.set_num_threads(threads)
 

@@ -1,6 +1,7 @@
 """The editor's page as a visitor sees it: what is read, typed, clicked and dragged there."""
 
 import json
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,9 +11,11 @@ import numpy as np
 from playwright.sync_api import ConsoleMessage, Locator, Page
 
 from cagesdf.cuboid import Cage
+from cagesdf.viewing.framing import world_per_pixel
 
 PATIENCE = 240.0  # seconds; only what is broken takes them
 SETTLED = "128 cells"
+CENTRE, LENGTHS, ROTATION = "Centre (file units)", "Lengths (file units)", "Rotation (degrees)"
 NOISE = "Unable to preventDefault inside passive event listener"  # viser's own, as nodes are dragged
 
 
@@ -64,7 +67,17 @@ class EditorPage:
 
     @property
     def surface(self) -> str:
-        return self.value("Surface")
+        """Cells, and a mark of the surface's bytes."""
+        return self.value("Mark")
+
+    @property
+    def refusals(self) -> str:
+        """What is said to be wrong, and wasn't dismissed."""
+        return " ".join(self.page.locator(".mantine-Notification-root").all_inner_texts())
+
+    def refused(self, text: str) -> None:
+        """Wait until something is said to be wrong."""
+        self.until(lambda: text in self.refusals, f"{text!r} said")
 
     @property
     def status(self) -> str:
@@ -85,7 +98,7 @@ class EditorPage:
 
         def there() -> bool:
             nonlocal found
-            found = self.surface if self.page.get_by_text("Surface", exact=True).count() else ""
+            found = self.surface if self.page.get_by_text("Mark", exact=True).count() else ""
             return found.startswith(SETTLED) and found != after
 
         self.until(there, "a fine surface")
@@ -116,7 +129,8 @@ class EditorPage:
         box.press("Enter")
 
     def select(self, part: str) -> None:
-        self.choose("Part", part)
+        """By the list."""
+        self.page.get_by_role("button", name=re.compile(rf"^(▸ )?{re.escape(part)}$")).click()
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
     def drawn(self, frames: int = 3) -> None:
@@ -183,6 +197,11 @@ class Camera:
     position: np.ndarray  # (3,)
     look_at: np.ndarray  # (3,)
     fov: float  # vertical, radians
+    height: int  # of the picture, pixels
+
+    def pixel_at(self, point: np.ndarray) -> float:
+        """A pixel's length at a place."""
+        return world_per_pixel(float(np.linalg.norm(self.position - point)), self.fov, self.height)
 
     def frame(self) -> np.ndarray:
         """Right, up and forward, by rows."""

@@ -1,5 +1,6 @@
 """The editor in a real browser: what a visitor does, and what comes of it."""
 
+import io
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -8,8 +9,9 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
-from browser.page import Camera, EditorPage
+from browser.page import CENTRE, LENGTHS, ROTATION, Camera, EditorPage
 from cagesdf.cli.surfaces import edit, mix
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.demo import DEMO
@@ -21,7 +23,7 @@ from cagesdf.formats.obj import read_obj_groups
 from cagesdf.io.runs import read_run
 from cagesdf.meshes import is_closed
 from cagesdf.viewing.picking import along, entries
-from cagesdf.viewing.scene import GIZMO_SIZE, handle_place
+from cagesdf.viewing.scene import GIZMO_PIXELS, handle_place
 from cagesdf.viewing.server import Editor
 
 pytestmark = pytest.mark.slow
@@ -53,12 +55,17 @@ def state_of(session: Session, page: EditorPage) -> State:
 def camera_of(editor: Editor) -> Camera:
     """Of the page that came last."""
     client = editor.server.get_clients()[max(editor.server.get_clients())]
-    return Camera(np.array(client.camera.position), np.array(client.camera.look_at), client.camera.fov)
+    return Camera(
+        np.array(client.camera.position), np.array(client.camera.look_at), client.camera.fov, client.camera.image_height
+    )
 
 
-def grip(cuboid: Cuboid) -> np.ndarray:
+def grip(cuboid: Cuboid, camera: Camera) -> np.ndarray:
     """A point of the gizmo's arrow that goes upwards most."""
-    return cuboid.centre + 0.9 * GIZMO_SIZE * cuboid.axes[int(np.abs(cuboid.axes[:, 1]).argmax())]
+    return (
+        cuboid.centre
+        + 0.9 * GIZMO_PIXELS * camera.pixel_at(cuboid.centre) * cuboid.axes[int(np.abs(cuboid.axes[:, 1]).argmax())]
+    )
 
 
 def by_name(state: State, name: str) -> str:
@@ -79,12 +86,9 @@ def test_a_click_selects_the_cuboid_under_it(visit: Visit, editor: Editor, sessi
     point = state.cage.centre[int(state.cage.size.prod(axis=1).argmax())]
     name = part_names(state.structure)[camera.first_hit(state.cage, point)]
     page.page.mouse.click(*page.pixel(point, camera))
-    page.until(lambda: page.value("Part") == name, f"{name} selected")
-    assert page.status == f"selected: {name}"
+    page.until(lambda: page.status == f"selected: {name}", f"{name} selected")
     np.testing.assert_allclose(
-        page.numbers("Centre (file units)"),
-        state.similarity.to_raw(state.cage[by_name(state, name)].centre[None])[0],
-        atol=1e-3,
+        page.numbers(CENTRE), state.similarity.to_raw(state.cage[by_name(state, name)].centre[None])[0], atol=1e-3
     )
 
 
@@ -107,13 +111,12 @@ def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: 
 
 
 def _clear_of_gizmos(cage: Cage, camera: Camera) -> tuple[np.ndarray, tuple[str, ...]]:
-    """A point on a way through two cuboids, far from the gizmo and the handles of both."""
+    """A point on a way through two cuboids, far from the gizmos of both."""
     for aim in np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3)):
         way = (aim - camera.position) / np.linalg.norm(aim - camera.position)
         behind = along(cage, camera.position, way)
         if len(behind) == 2:
-            knobs = [handle_place(cage[part], axis, side) for part in behind for axis in range(3) for side in (-1, 1)]
-            near = [(cage[part].centre, 1.3 * GIZMO_SIZE) for part in behind] + [(knob, 0.08) for knob in knobs]
+            near = [(cage[part].centre, 1.2 * GIZMO_PIXELS * camera.pixel_at(cage[part].centre)) for part in behind]
             if all(np.linalg.norm(np.cross(place - camera.position, way)) > radius for place, radius in near):
                 return aim, behind
     raise AssertionError("gizmos and handles are everywhere")
@@ -124,21 +127,21 @@ def test_dragging_an_arrow_moves_the_cuboid_and_undo_brings_the_very_same_surfac
 ) -> None:
     page = visit()
     state, camera = state_of(session, page), camera_of(editor)
-    ways = {part: grip(state.cage[part]) - camera.position for part in state.cage.part_ids}
+    ways = {part: grip(state.cage[part], camera) - camera.position for part in state.cage.part_ids}
     before_it = {part: (entries(state.cage, camera.position, way) < 0.99).sum() for part, way in ways.items()}
     part = max(before_it, key=before_it.__getitem__)
     assert before_it[part] >= 2  # the arrow is grasped through others
     name = part_names(state.structure)[part]
     before, cuboid = page.settled(), state.cage[part]
     page.select(name)
-    start = page.numbers("Centre (file units)")
+    start = page.numbers(CENTRE)
     page.drawn(10)
-    at, to = page.pixel(grip(cuboid), camera), page.pixel(2 * grip(cuboid) - cuboid.centre, camera)
+    at, to = page.pixel(grip(cuboid, camera), camera), page.pixel(2 * grip(cuboid, camera) - cuboid.centre, camera)
     way = np.subtract(to, at) / np.linalg.norm(np.subtract(to, at)) * 60
     page.drag(at, (float(way[0]), float(way[1])))
     after = page.settled(before)
     page.picture("moved")
-    assert np.abs(page.numbers("Centre (file units)") - start).max() > 0.01
+    assert np.abs(page.numbers(CENTRE) - start).max() > 0.01
     assert [operation["op"] for operation in page.script(tmp_path)] == ["move"]
     page.press("Undo")
     page.until(lambda: page.surface == before, "the surface of before")
@@ -158,9 +161,10 @@ def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
     state, camera = state_of(session, page), camera_of(editor)
     before = page.settled()
     page.select(other)
-    partner = page.numbers("Lengths (file units)")
+    partner = page.numbers(LENGTHS)
     page.select(name)
-    lengths = page.numbers("Lengths (file units)")
+    lengths = page.numbers(LENGTHS)
+    page.choose("Tool", "Resize")
     page.drawn(10)
     cuboid = state.cage[by_name(state, name)]
     axis, side = _nearest_face(state.cage, by_name(state, name), camera)
@@ -170,12 +174,10 @@ def test_dragging_a_face_resizes_the_cuboid_and_its_mirrored_partner(
     page.drag(at, (float(way[0]), float(way[1])))
     page.settled(before)
     page.picture("resized")
-    changed = page.numbers("Lengths (file units)")
+    changed = page.numbers(LENGTHS)
     assert np.sort(changed / lengths)[-1] > 1.02
     page.select(other)
-    np.testing.assert_allclose(
-        np.sort(page.numbers("Lengths (file units)") / partner), np.sort(changed / lengths), rtol=0.02
-    )
+    np.testing.assert_allclose(np.sort(page.numbers(LENGTHS) / partner), np.sort(changed / lengths), rtol=0.02)
 
 
 def _nearest_face(cage: Cage, part: str, camera: Camera) -> tuple[int, int]:
@@ -198,14 +200,14 @@ def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session
     before = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
-    centre, lengths = page.numbers("Centre (file units)"), page.numbers("Lengths (file units)")
+    centre, lengths = page.numbers(CENTRE), page.numbers(LENGTHS)
     page.tab("Style")
     page.slide("Direction 1", 2.0)
     page.settled(before)
     page.picture("style")
     page.tab("Cuboids")
-    np.testing.assert_array_equal(page.numbers("Centre (file units)"), centre)
-    np.testing.assert_array_equal(page.numbers("Lengths (file units)"), lengths)
+    np.testing.assert_array_equal(page.numbers(CENTRE), centre)
+    np.testing.assert_array_equal(page.numbers(LENGTHS), lengths)
     assert [operation["op"] for operation in page.script(tmp_path)] == ["style"]
 
 
@@ -225,10 +227,9 @@ def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_t
     parts = dict(read_obj_groups(page.download("Export", tmp_path)))
     page.tab("Style")
     page.choose("Their style of", other)
-    page.until(lambda: "no part is selected" in page.status, "what is missing")
+    page.refused("no part is selected")
     page.choose("Their style of", "–")
-    page.tab("Cuboids")
-    page.choose("Part", "leg")
+    page.press("all 4: leg")
     page.until(lambda: page.status == f"selected: {', '.join(sorted(legs))}", "all legs selected")
     page.tab("Style")
     page.choose("Their style of", other)
@@ -265,7 +266,7 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     opened = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
-    page.set_number("Lengths (file units)", 0, float(page.numbers("Lengths (file units)")[0] * 1.2))
+    page.set_number(LENGTHS, 0, float(page.numbers(LENGTHS)[0] * 1.2))
     first = page.settled(opened)
     page.tab("Style")
     page.choose("Style of", max(session.styles.shapes))
@@ -289,11 +290,11 @@ def test_a_new_shape_comes_with_a_thumbnail_and_can_be_taken_up_again(visit: Vis
     page.tab("New")
     page.press("New shape")
     first = page.settled(before)
-    page.until(lambda: page.page.get_by_role("button", name="Take shape 1").count() == 1, "a thumbnail")
+    page.until(lambda: page.page.get_by_role("button", name="Take new").count() == 1, "a thumbnail")
     page.picture("generated")
     page.press("Reset")
     page.until(lambda: page.surface == before, "the surface at first")
-    page.press("Take shape 1")
+    page.press("Take new")
     page.until(lambda: page.surface == first, "the new shape")
 
 
@@ -312,17 +313,22 @@ def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tm
     page.upload("Load parts", "stool.zip", (tmp_path / "stool.zip").read_bytes())
     page.page.get_by_text("6 cuboids").wait_for()
     page.settled(before)
+    page.page.get_by_text("from the file's surface").wait_for()
+    assert page.value("Shape") == "stool"
+    page.tab("View")
+    page.slide("True shape", 0.5)
+    page.picture("uploaded")
     assert [operation["op"] for operation in page.script(tmp_path)] == ["build", "style"]
     page.tab("Cuboids")
     page.select("back")
-    np.testing.assert_allclose(page.numbers("Centre (file units)"), [1000, 670, -180], atol=5)
-    np.testing.assert_allclose(page.numbers("Lengths (file units)"), [400, 500, 40], rtol=0.05)
+    np.testing.assert_allclose(page.numbers(CENTRE), [1000, 670, -180], atol=5)
+    np.testing.assert_allclose(page.numbers(LENGTHS), [400, 500, 40], rtol=0.05)
     page.tab("File")
     mesh = trimesh.load_mesh(page.download("Export", tmp_path))
     assert np.all(mesh.bounds[0] > [790, -10, -210])
     assert np.all(mesh.bounds[1] < [1210, 930, 210])
     page.upload("Load parts", "bad.zip", b"PK")
-    page.until(lambda: "can't be read as a zip" in page.status, "what is wrong with it")
+    page.refused("can't be read as a zip")
     page.picture("parts")
 
 
@@ -335,9 +341,9 @@ def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit
     surface = other.settled()
     one.tab("File")
     one.upload("Load script", "bad.json", b'[{"op": "move", "part": "wing", "by": [0, 0, 0]}]')
-    one.until(lambda: "no part is called" in one.status, "what is wrong with the script")
+    one.refused("no part is called")
     one.upload("Load program", "bad.txt", b"import os")
-    one.until(lambda: "no part is called" not in one.status and "cells" not in one.status, "what is wrong with it")
+    one.until(lambda: "bad.txt" in one.refusals and "no part is called" not in one.refusals, "the last one said alone")
     assert one.surface == other.surface == surface
     before = editor.tabs
     one.close()
@@ -353,32 +359,99 @@ def test_visitors_don_t_disturb_each_other_and_leave_nothing_behind(visit: Visit
     assert len(styles) == VISITORS
 
 
-def test_keys_and_buttons_duplicate_delete_and_take_back_and_errors_stay(visit: Visit) -> None:
+def part_buttons(page: EditorPage) -> list[str]:
+    """Names in the list of parts."""
+    labels = page.page.locator(".mantine-Button-root").all_inner_texts()
+    known = {label.removeprefix("▸ ") for label in labels}
+    return sorted(name for name in known if name.rpartition("_")[2].isdecimal() or "surface" in name)
+
+
+def pixel_of(page: EditorPage, at: tuple[float, float]) -> np.ndarray:
+    """The colour that is seen there."""
+    with Image.open(io.BytesIO(page.page.screenshot())) as picture:
+        return np.array(picture.convert("RGB"))[round(at[1]), round(at[0])].astype(int)
+
+
+def test_the_list_selects_without_changing_the_surface_s_colours_and_keys_copy_delete_and_undo(
+    visit: Visit, editor: Editor, session: Session, tmp_path: Path
+) -> None:
     page = visit()
-    before = page.surface
-    page.select("seat_surface")
-    page.picture("outlined")
-    assert page.surface == before
-    page.set_number("Lengths (file units)", 0, 0.0)
-    page.page.get_by_text("Not done").wait_for()
-    assert "lengths are at least 0.00" in page.status
-    page.picture("refused")
-    assert page.page.get_by_text("Not done").count() == 1
-    page.press("Duplicate")
-    page.until(lambda: page.status == "selected: seat_surface_2" or "cells" in page.status, "a copy selected")
-    copied = page.settled(before)
-    page.picture("duplicated")
+    state, camera = state_of(session, page), camera_of(editor)
+    names = part_names(state.structure)
+    assert part_buttons(page) == sorted(names.values())
+    seat = state.cage[by_name(state, "seat_surface")]
+    # On its upper side, beside the gizmo.
+    at = page.pixel(seat.centre + np.array([-0.32, 0.5, 0.0]) * seat.size, camera)
+    page.drawn(5)
+    before = pixel_of(page, at)
+    page.press("seat_surface")
+    page.until(lambda: page.status == "selected: seat_surface", "the seat selected")
+    page.drawn(5)
+    assert np.abs(pixel_of(page, at) - before).max() <= 8
+    page.picture("selected")
+    page.press("back_surface")
+    page.until(lambda: page.status == "selected: back_surface", "the back selected")
+    surface = page.settled()
+    page.page.keyboard.press("n")
+    page.until(lambda: "copied" in page.status or "cells" in page.status, "a copy")
+    page.until(lambda: "back_surface_2" in part_buttons(page), "the copy in the list")
+    copied = page.settled(surface)
+    page.picture("copied")
     page.page.keyboard.press("Delete")
-    assert page.settled(copied) == before
+    page.until(lambda: len(part_buttons(page)) == len(names), "the copy gone")
     page.page.keyboard.press("Control+z")
-    assert page.settled(before) == copied
-    page.page.keyboard.press("Control+Shift+z")
-    assert page.settled(copied) == before
+    page.until(lambda: page.surface == copied, "the copy back")
+    assert [operation["op"] for operation in page.script(tmp_path)] == ["duplicate", "delete", "undo"]
+    page.page.keyboard.press("i")
+    page.page.get_by_text("Frame the selection".lower()).wait_for()
+    page.picture("keys")
+
+
+def test_a_higher_seat_takes_legs_along_and_what_can_not_be_is_said_until_it_is_dismissed(
+    visit: Visit, session: Session, tmp_path: Path
+) -> None:
+    page = visit()
+    before, state = page.settled(), state_of(session, page)
+    page.select("leg_1")
+    length = page.numbers(LENGTHS)[1]
     page.select("seat_surface")
-    page.set_number("Turn by (degrees)", 1, 20.0)
+    place = page.control("Status").first.bounding_box()
+    page.set_number(CENTRE, 1, float(page.numbers(CENTRE)[1] + 0.05))
     page.settled(before)
-    assert np.abs(page.numbers("Turn by (degrees)")).max() == 0
-    page.picture("turned")
-    page.page.mouse.click(5, 5)
-    page.page.keyboard.press("Escape")
-    page.until(lambda: page.value("Part") == "–", "nothing selected")
+    page.select("leg_1")
+    assert page.numbers(LENGTHS)[1] > length + 0.04
+    page.picture("higher")
+    page.set_number(LENGTHS, 1, 0)
+    page.refused(f"lengths are at least {1e-3 / state.similarity.scale:.1g}")
+    assert "http" not in page.refusals
+    page.picture("refused")
+    assert page.control("Status").first.bounding_box() == place
+    page.set_number(ROTATION, 1, 10)
+    page.until(lambda: abs(page.numbers(ROTATION)[1] - 10) < 0.01, "the leg turned")
+    page.refused("lengths are at least")
+    kinds = [(operation["op"], operation["attach"]) for operation in page.script(tmp_path)]
+    assert kinds[0] == ("move", True)
+    assert {kind for kind, _ in kinds[1:]} == {"rotate"}
+
+
+def test_looks_views_the_dark_and_other_runs(visit: Visit, editor: Editor) -> None:
+    page = visit()
+    page.tab("View")
+    page.choose("Look", "Clay")
+    page.press("Side")
+    page.control("Dark", "input").check()
+    page.page.keyboard.press("c")
+    page.drawn(5)
+    page.picture("dark")
+
+    def way() -> np.ndarray:
+        seen = camera_of(editor)
+        return np.abs(seen.position - seen.look_at)
+
+    page.until(lambda: way()[0] > 10 * way()[1:].max(), "a view from the side")
+    assert np.abs(camera_of(editor).look_at).max() < 0.5
+    tabs = editor.tabs
+    page.choose("Run", "again")
+    page.until(lambda: page.value("Run") == "again" and page.value("Mark").startswith("128"), "the other run")
+    page.select("seat_surface")
+    assert editor.tabs == tabs

@@ -1,15 +1,13 @@
-"""What is seen: colours that say which parts are alike, and a camera that sees all."""
+"""Colours say which parts belong together."""
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from test_editing_operations import chair, do, jug
 
 from cagesdf.editing.links import mirrors, repeats
 from cagesdf.editing.script import Build, Duplicate, Split
 from cagesdf.editing.state import State
 from cagesdf.structure.hierarchy import PartHierarchy
-from cagesdf.viewing.scene import SELECTED, framed, part_colours
+from cagesdf.viewing.colours import SELECTED, part_colours
 
 
 def unlabelled(state: State) -> State:
@@ -39,16 +37,3 @@ def test_parts_that_mirror_or_repeat_each_other_share_a_colour_and_others_have_t
 def test_no_part_has_the_colour_of_outlines() -> None:
     colours = part_colours(unlabelled(do(chair(), Split(part="*", axis="y"))))
     assert min(np.abs(np.subtract(colour, SELECTED)).max() for colour in colours.values()) > 60
-
-
-@settings(max_examples=20)
-@given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda way: np.linalg.norm(way) > 0.1), st.floats(0.5, 1.5))
-def test_all_corners_are_in_view_and_fill_it(towards: tuple, fov: float) -> None:
-    cage = chair().cage
-    position, middle = framed(cage, np.array(towards), fov)
-    ways = cage.corners().reshape(-1, 3) - position
-    ahead = (middle - position) / np.linalg.norm(middle - position)
-    np.testing.assert_allclose(ahead, -np.array(towards) / np.linalg.norm(towards), atol=1e-9)
-    angles = np.arccos(ways @ ahead / np.linalg.norm(ways, axis=1))
-    assert angles.max() <= fov / 2
-    assert angles.max() >= fov / 8

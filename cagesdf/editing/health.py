@@ -1,0 +1,91 @@
+"""Whether a surface holds: closed, in one piece where its cuboids are, no part thinner than its cells can show."""
+
+from dataclasses import dataclass
+
+from scipy.sparse.csgraph import connected_components
+
+from cagesdf.cuboid import Cuboid
+from cagesdf.editing.parts import part_names
+from cagesdf.editing.state import State
+from cagesdf.extraction import CUBE, USUAL, Extraction, Fineness
+from cagesdf.extraction.lattice import Lattice
+from cagesdf.extraction.promises import count_pieces
+from cagesdf.frames import HALF_EXTENT
+from cagesdf.matching import touching
+from cagesdf.meshes import Mesh, is_closed
+from cagesdf.solid import thickness
+
+HELD = 2.0  # cells that a part must be thick
+FINEST = 512  # cells: no finer resolution is recommended
+STEP = 16  # cells, between recommended resolutions
+
+
+@dataclass(frozen=True)
+class Health:
+    """What is to be known of a surface before it is used."""
+
+    closed: bool
+    components: int  # of the surface
+    expected: int  # groups of cuboids that touch
+    torn: tuple[str, ...]  # names of parts that fall to pieces, or have no surface
+    thinnest: str | None  # name of the part with the fewest cells through its thickness; None: nothing has a surface
+    thickness: float  # of that part: twice its volume over its area, the user's unit; 0 without one
+    cells: float  # through that thickness; 0 without one
+    resolution: int  # the least, in steps of STEP, with which it has HELD; 0: none up to FINEST
+
+    @staticmethod
+    def of(found: Extraction, state: State, resolution: int, fineness: Fineness = USUAL) -> "Health":
+        """The health of a state's surface that was made with these cells."""
+        names = part_names(state.structure)
+        cuboids = {**CUBE.cuboids(), **state.cage.cuboids()}  # a decoder that knows no cuboids has one part, the cube
+        torn = [part for part, mesh in found.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
+        cells = {
+            part: _cells(mesh, cuboids[part], resolution, fineness)
+            for part, mesh in found.parts.items()
+            if len(mesh.faces)
+        }
+        expected, _ = connected_components(touching(state.cage), directed=False)
+        closed = bool(len(found.mesh.faces)) and is_closed(found.mesh)
+        called = tuple(names.get(part, part) for part in torn)
+        if not cells:
+            return Health(closed, found.components, int(expected), called, None, 0.0, 0.0, 0)
+        part = min(cells, key=lambda part: cells[part])
+        mesh, cuboid = found.parts[part], cuboids[part]
+        finer = range(STEP, FINEST + 1, STEP)
+        enough = next((count for count in finer if _cells(mesh, cuboid, count, fineness) >= HELD), 0)
+        thick = thickness(mesh) / state.similarity.scale
+        return Health(
+            closed, found.components, int(expected), called, names.get(part, part), thick, cells[part], enough
+        )
+
+    def __str__(self) -> str:
+        pieces = f"{self.components} component{'s' * (self.components != 1)}"
+        closed = "closed" if self.closed else "not closed" if self.components else "no surface"
+        thin = f", thinnest {self.thinnest}: {self.thickness:.3g}, {self.cells:.1f} cells" if self.thinnest else ""
+        return f"{closed}, {pieces}{thin}"
+
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences about what doesn't hold; none for a surface that does."""
+        found = []
+        if self.torn:
+            found.append(
+                f"{', '.join(self.torn)}: in pieces, or without a surface; another style or thicker cuboids help"
+            )
+        if self.components > self.expected:
+            found.append(f"the surface is in {self.components} pieces where its cuboids are in {self.expected}")
+        if self.thinnest and self.cells < HELD:
+            cure = (
+                f"{self.resolution} cells would hold it"
+                if self.resolution
+                else f"more than {FINEST} cells would be needed; make it thicker"
+            )
+            found.append(
+                f"{self.thinnest} is {self.thickness:.3g} thick, {self.cells:.1f} cells; wanted {HELD:g}: {cure}"
+            )
+        return tuple(found)
+
+
+def _cells(mesh: Mesh, cuboid: Cuboid, resolution: int, fineness: Fineness) -> float:
+    """A part's thickness in the cells that it is made of; these are as small as its cuboid needs along each axis."""
+    steps = Lattice.of(cuboid, 2 * HALF_EXTENT / resolution, fineness.least).steps
+    return thickness(mesh.with_vertices((mesh.vertices - cuboid.centre) @ cuboid.axes.T / steps))

@@ -1,0 +1,102 @@
+"""The list of parts beside the view: a button a part in its colour, in folders as the structure has them."""
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from functools import partial
+from typing import Any
+
+import viser
+
+from cagesdf.editing.parts import part_names
+from cagesdf.editing.state import State
+from cagesdf.structure.base import Structure
+from cagesdf.viewing.colours import Colour
+
+WIDTH = 250  # pixels
+LONGEST = 22  # letters of a folder's name
+
+
+class PartList:
+    """A panel at the left. Parts that are selected, hidden or locked have a sign."""
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        pick: Callable[[tuple[str, ...], bool], None],
+        act: Callable[[str], None],
+        guard: Callable[[Callable[[], None]], None],
+    ) -> None:
+        """`pick` is called with the parts of an entry and whether they are added; `act` with the word of a button."""
+        self._gui, self._pick, self._guard = client.gui, pick, guard
+        self._panel = self._gui.add_panel()
+        self._panel.dock_left()
+        self._panel.set_width(WIDTH)
+        self._tab = self._panel.add_tab("Parts")
+        with self._tab:
+            for words in (("Hide", "Lock", "Show all"), ("Duplicate", "Split", "Delete", "Add")):
+                buttons = self._gui.add_button_group("Selected" if words[0] == "Hide" else "Edit", words)
+                buttons.on_click(partial(lambda group, _: guard(lambda: act(group.value)), buttons))
+            self.more = self._gui.add_checkbox("Select several", False, hint="or shift-click in the view")
+        self._folder: Any = None
+        self._buttons: dict[str, Any] = {}
+        self._shown: tuple[object, ...] = ()
+
+    def show(
+        self,
+        state: State,
+        colours: Mapping[str, Colour],
+        selected: Sequence[str],
+        hidden: Set[str],
+        locked: Set[str],
+    ) -> None:
+        """The parts of a state; made anew only for other parts, names or colours."""
+        names = part_names(state.structure)
+        content = (tuple(names.items()), tuple(colours.items()))
+        if content != self._shown:
+            if self._folder is not None:
+                self._folder.remove()
+            self._shown, self._buttons = content, {}
+            with self._tab:
+                self._folder = self._gui.add_folder("Parts")
+            with self._folder:
+                self._add_groups(state.structure, names)
+                self._add(state.structure, state.structure.root(), names, colours)
+        for part, button in self._buttons.items():
+            sign = viser.Icon.EYE_OFF if part in hidden else viser.Icon.LOCK if part in locked else None
+            label = f"▸ {names[part]}" if part in selected else names[part]
+            if button.label != label:
+                button.label = label
+            if button.icon != sign:
+                button.icon = sign
+
+    def _add_groups(self, structure: Structure, names: Mapping[str, str]) -> None:
+        """A button for all parts of each label that several have."""
+        labels = structure.labels()
+        for label in dict.fromkeys(labels.values()):
+            parts = tuple(part for part in names if labels[part] == label)
+            if label and len(parts) > 1:
+                self._button(f"all {len(parts)}: {label}", parts, None)
+
+    def _add(self, structure: Structure, node: str, names: Mapping[str, str], colours: Mapping[str, Colour]) -> None:
+        for child in structure.children(node):
+            if child in names:
+                self._buttons[child] = self._button(names[child], (child,), colours[child])
+            else:
+                with self._gui.add_folder(_called(structure, child)):
+                    self._add(structure, child, names, colours)
+
+    def _button(self, label: str, parts: tuple[str, ...], colour: Colour | None) -> Any:
+        button = self._gui.add_button(label, color=colour or "gray")
+        button.on_click(lambda _: self._guard(lambda: self._pick(parts, bool(self.more.value))))
+        return button
+
+
+def _called(structure: Structure, node: str) -> str:
+    """A group by what is in it: legs and stretchers are "leg, stretcher"; by its own name where that has no labels."""
+    labels = structure.labels()
+
+    def words(node: str) -> list[str]:
+        children = structure.children(node)
+        return [word for child in children for word in words(child)] if children else [labels[node]]
+
+    text = ", ".join(dict.fromkeys(word for word in words(node) if word)) or node
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
