@@ -157,7 +157,6 @@ def test_the_plan_says_that_it_is_an_estimate_and_from_what(tmp_path: Path) -> N
     text = "\n".join(plan("tiny", tmp_path))
     assert "An estimate from" in text
     assert "18 shapes in 1 categories, 64 deformed training shapes, 115,200 points" in text
-    assert " points" in text
 
 
 @pytest.mark.parametrize(
