@@ -23,7 +23,8 @@ from cagesdf import inference
 from cagesdf.api.sources import IMPORT
 from cagesdf.deformation import Trilinear
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.evaluation.reconstruction import score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract, field_of
 from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.importing import import_shape

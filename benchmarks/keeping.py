@@ -18,7 +18,7 @@ import numpy as np
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.evaluation.edits import measure
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import box_warp, keep_warp, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.frames import Similarity

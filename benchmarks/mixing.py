@@ -30,7 +30,7 @@ from cagesdf.editing.script import Mix, Swap
 from cagesdf.editing.session import Session, state_field
 from cagesdf.editing.state import State
 from cagesdf.evaluation.edits import measure
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.extraction import Extraction

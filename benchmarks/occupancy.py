@@ -20,7 +20,8 @@ import torch
 from benchmarks.parts import CELLS, DETAIL, POINTS, trained
 from cagesdf.cuboid import Cage
 from cagesdf.deformation import Trilinear
-from cagesdf.evaluation.reconstruction import Measured, Truth, compare, directions
+from cagesdf.evaluation.reconstruction import compare
+from cagesdf.evaluation.surfaces import Measured, Truth, directions
 from cagesdf.extraction import METHODS, extract, field_of
 from cagesdf.extraction.promises import count_pieces
 from cagesdf.io.runs import Run, read_run

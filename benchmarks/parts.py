@@ -20,7 +20,8 @@ import numpy as np
 import torch
 
 from cagesdf.deformation import Trilinear
-from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.evaluation.reconstruction import score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes

@@ -1,19 +1,23 @@
 """How well cuboids of found parts fit shapes that come as one mesh, beside other ways to get boxes.
 
-    python -m benchmarks.parts_found [--shapes 6] [--furniture FOLDER …]
+    python -m benchmarks.parts_found [--shapes 6] [--ways found …] [--procedural chair …] [--united chair …]
+        [--whole FOLDER …] [--parts FOLDER …]
 
-Shapes: procedural chairs of `make repro`, their parts joined into one mesh, and united into one solid; and the mesh
-files and folders of part meshes in FOLDERs, joined. Ways: `find_parts`; one box a component; CoACD and V-HACD (at most
-16 hulls, a least box a hull) where `coacd` and `vhacdx` are installed. Figures: volumetric IoU of all boxes together
-with the solid; volume of the boxes over the solid's; share of the solid that is covered; boxes, and how many there
-should be; mean IoU of true cuboids with the boxes they are matched to; processor seconds. Prints a Markdown table of
+Shapes: procedural ones of `make repro`, their parts joined into one mesh, or united into one solid; mesh files in
+FOLDERs; with `--parts`, mesh files and folders of part meshes whose groups, nodes and files are the true parts, joined.
+Ways: `find_parts`; one box a component; CoACD and V-HACD (at most 16 hulls, a least box a hull) where `coacd` and
+`vhacdx` are installed. Figures: volumetric IoU of all boxes together with the solid; volume of the boxes over that of
+the outer solid, with what is enclosed from five of six sides; share of the solid that is covered; share of the boxes'
+union that is in several of them; boxes, and how many there should be; mean IoU of true cuboids with the boxes they are
+matched to; mean IoU of true parts' surfaces with what lies in these; processor seconds. Prints a Markdown table of
 means.
 """
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -25,15 +29,16 @@ from cagesdf.errors import InputError, NotSolidError, ShapeRejected
 from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.frames import canonical_similarity
-from cagesdf.io.cuboids import read_cages
 from cagesdf.io.shapes import read_shapes
-from cagesdf.meshes import Mesh, join
+from cagesdf.meshes import Mesh, join, sample_surface
 from cagesdf.parts.components import components
 from cagesdf.parts.finding import find_parts
 from cagesdf.solid import from_manifold, union
 
 WELD, THIN = 1e-5, 1e-4
 POINTS = 40_000
+SURFACE = 10_000  # points
+GRID = 40  # cells along each axis
 HULLS = 16
 MAX_FACES = 60_000  # of a stranger's shape
 
@@ -43,17 +48,17 @@ class Item:
     """A shape as one mesh."""
 
     mesh: Mesh  # canonical
-    true: Cage | None  # cuboids of its parts, where they are known
+    true: list[Mesh] | None  # its parts, where they are known
 
 
-def procedural(count: int, unite: bool) -> Iterator[Item]:
-    shapes, cages = read_shapes(Path("data/shapes/chair")), read_cages(Path("data/cuboids/chair"))
+def procedural(category: str, count: int, unite: bool) -> Iterator[Item]:
+    shapes = read_shapes(Path("data/shapes") / category)
     for shape_id in shapes.ids[:count]:
         meshes = [part.mesh for part in shapes.read(shape_id).parts]
-        yield Item(union(meshes) if unite else join(meshes), cages[shape_id])
+        yield Item(union(meshes) if unite else join(meshes), meshes)
 
 
-def strangers(folder: Path, count: int) -> Iterator[Item]:
+def strangers(folder: Path, count: int, has_parts: bool) -> Iterator[Item]:
     left = count
     for source in list_shapes(folder, "*"):
         try:
@@ -65,9 +70,8 @@ def strangers(folder: Path, count: int) -> Iterator[Item]:
             continue
         left -= 1
         similarity = canonical_similarity(mesh.vertices, "y")
-        parts = [similarity.to_canonical(part.mesh.vertices) for part in raw.parts]
-        true = None if raw.whole else Cage.of({str(i): fit_cuboid(part, 0.01, 1e-3) for i, part in enumerate(parts)})
-        yield Item(mesh.with_vertices(similarity.to_canonical(mesh.vertices)), true)
+        parts = [part.mesh.with_vertices(similarity.to_canonical(part.mesh.vertices)) for part in raw.parts]
+        yield Item(join(parts), parts if has_parts else None)
 
 
 def found(mesh: Mesh) -> list[np.ndarray]:
@@ -93,48 +97,92 @@ def by_vhacd(mesh: Mesh) -> list[np.ndarray]:
     return [vertices for vertices, _ in vhacdx.compute_vhacd(mesh.vertices, faces, maxConvexHulls=HULLS)]
 
 
-def figures(solid: Mesh, boxes: Cage, true: Cage | None) -> list[float]:
+WAYS: dict[str, Callable[[Mesh], list[np.ndarray]]] = {
+    "found": found,
+    "one a component": one_a_component,
+    "coacd": by_coacd,
+    "vhacdx": by_vhacd,
+}
+RIVALS = {"coacd", "vhacdx"}  # want one closed mesh
+
+
+def cage_of(points: Iterable[np.ndarray]) -> Cage:
+    return Cage.of({str(i): fit_cuboid(np.asarray(p), 0.01, 1e-3) for i, p in enumerate(points)})
+
+
+def figures(solid: Mesh, boxes: Cage, true: list[Mesh] | None) -> list[float]:
     low, high = solid.vertices.min(0), solid.vertices.max(0)
     points = low + np.random.default_rng(0).random((POINTS, 3)) * (high - low)
-    inside = SurfaceDistance(solid).inside(points)
+    surface = SurfaceDistance(solid)
+    inside = surface.inside(points)
     held = boxes.signed_distance(points) <= 1e-9
     any_box = held.any(axis=1)
-    volume = inside.mean() * float((high - low).prod())
     row = [
         float((any_box & inside).sum() / (any_box | inside).sum()),
-        float(boxes.size.prod(axis=1).sum() / volume),
+        float(boxes.size.prod(axis=1).sum() / outer_volume(surface, low, high)),
         float((any_box & inside).sum() / inside.sum()),
+        float((held.sum(axis=1) > 1).sum() / any_box.sum()),
         float(len(boxes)),
     ]
     if true is None:
-        return [*row, np.nan, np.nan]
-    wanted = true.signed_distance(points) <= 0.004  # thin boards hold few points: both are padded
+        return [*row, np.nan, np.nan, np.nan]
+    # Thin boards hold few points: both are padded.
+    wanted = cage_of(part.vertices for part in true).signed_distance(points) <= 0.004
     padded = boxes.signed_distance(points) <= 0.004
-    common = (padded[:, :, None] & wanted[:, None]).sum(axis=0)
-    either = padded.sum(axis=0)[:, None] + wanted.sum(axis=0)[None] - common
+    return [*row, float(len(true)), mean_iou(padded, wanted), face_iou(solid, boxes, true)]
+
+
+def outer_volume(surface: SurfaceDistance, low: np.ndarray, high: np.ndarray) -> float:
+    """Of a solid with what it encloses from five of six sides, on a grid."""
+    cells = (np.indices((GRID,) * 3).reshape(3, -1).T + 0.5) / GRID * (high - low) + low
+    inside = surface.inside(cells).reshape((GRID,) * 3)
+    sides = np.zeros(inside.shape, np.int64)
+    for axis in range(3):
+        sides += np.logical_or.accumulate(inside, axis)
+        sides += np.flip(np.logical_or.accumulate(np.flip(inside, axis), axis), axis)
+    return float((inside | (sides >= 5)).mean() * (high - low).prod())
+
+
+def face_iou(solid: Mesh, boxes: Cage, true: list[Mesh]) -> float:
+    """Surface points belong to the nearest true part, and to the least box that they lie in, or else the nearest."""
+    points = sample_surface(solid, SURFACE, np.random.default_rng(0))[0]
+    owner = np.argmin([SurfaceDistance(part).unsigned(points) for part in true], axis=0)
+    outside = np.maximum(boxes.signed_distance(points), 0.002)
+    box = np.argmin(outside + 1e-6 * boxes.size.prod(axis=1), axis=1)
+    return mean_iou(box[:, None] == np.arange(len(boxes)), owner[:, None] == np.arange(len(true)))
+
+
+def mean_iou(sets: np.ndarray, wanted: np.ndarray) -> float:
+    """Mean IoU of the columns of `wanted` with those of `sets` that they are matched to."""
+    common = wanted.T.astype(float) @ sets
+    either = wanted.sum(axis=0)[:, None] + sets.sum(axis=0)[None] - common
     iou = common / np.maximum(either, 1)
-    return [*row, float(len(true)), float(iou[linear_sum_assignment(-iou)].sum() / len(true))]
+    return float(iou[linear_sum_assignment(-iou)].sum() / wanted.shape[1])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shapes", type=int, default=6)
-    parser.add_argument("--furniture", type=Path, nargs="*", default=[])
+    parser.add_argument("--ways", nargs="*", choices=WAYS, default=[*WAYS])
+    parser.add_argument("--procedural", nargs="*", default=[])
+    parser.add_argument("--united", nargs="*", default=[])
+    parser.add_argument("--whole", type=Path, nargs="*", default=[])
+    parser.add_argument("--parts", type=Path, nargs="*", default=[])
     options = parser.parse_args()
-    ways: dict[str, Callable[[Mesh], list[np.ndarray]]] = {"found": found, "one a component": one_a_component}
-    for name, way in (("coacd", by_coacd), ("vhacdx", by_vhacd)):
-        try:
-            __import__(name)
-            ways[name] = way
-        except ImportError:
-            print(f"{name} is not installed")
-    sets = {
-        "procedural, joined": procedural(options.shapes, False),
-        "procedural, united": procedural(options.shapes, True),
-    }
-    sets |= {f"{folder.parent.name}/{folder.name}": strangers(folder, options.shapes) for folder in options.furniture}
-    print("| shapes | way | n | IoU | boxes/volume | covered | boxes | true | matched IoU | s, median |")
-    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
+    ways = {name: WAYS[name] for name in options.ways}
+    for rival in RIVALS & ways.keys():
+        if find_spec(rival) is None:
+            print(f"{rival} is not installed")
+            del ways[rival]
+    count = options.shapes
+    sets = {f"{name}, joined": procedural(name, count, False) for name in options.procedural}
+    sets |= {f"{name}, united": procedural(name, count, True) for name in options.united}
+    for has_parts, folders in ((False, options.whole), (True, options.parts)):
+        sets |= {f"{folder.parent.name}/{folder.name}": strangers(folder, count, has_parts) for folder in folders}
+    print(
+        "| shapes | way | n | IoU | boxes/outer | covered | overlap | boxes | true | box IoU | face IoU | s, median |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for title, items in sets.items():
         rows: dict[str, list[list[float]]] = {name: [] for name in ways}
         for item in items:
@@ -145,11 +193,9 @@ def main() -> None:
                 continue
             for name, way in ways.items():
                 begun = time.process_time()
-                # The rivals want one closed mesh.
-                points = way(item.mesh if name in ("found", "one a component") else solid)
+                points = way(solid if name in RIVALS else item.mesh)
                 seconds = time.process_time() - begun
-                cage = Cage.of({str(i): fit_cuboid(np.asarray(p), 0.01, 1e-3) for i, p in enumerate(points)})
-                rows[name].append([*figures(solid, cage, item.true), seconds])
+                rows[name].append([*figures(solid, cage_of(points), item.true), seconds])
         for name, values in rows.items():
             table = np.array(values)
             *means, _ = table.mean(axis=0)

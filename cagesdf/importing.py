@@ -16,6 +16,7 @@ from cagesdf.meshes import Mesh, box_volume, join, signed_volume
 from cagesdf.parts.choosing import doubt
 from cagesdf.parts.components import last_method
 from cagesdf.parts.finding import FoundPart, FoundParts, boxes_volume, find_parts, parts_as_written
+from cagesdf.parts.relating import relations
 from cagesdf.shape import GIVEN, Origin, Part, RawPart, RawShape, Repair, Shape
 from cagesdf.solid import METHODS, Solid, make_solid, union
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -86,6 +87,8 @@ def _shape(
     else:
         ids, labels = tuple(part.part_id for part in parts), tuple(part.label for part in parts)
         structure, alignment = PartHierarchy.flat(ids, labels, ""), ()
+    if structure.is_bare():
+        structure = structure.with_relations(relations({part.part_id: part.mesh for part in parts}))
     return Shape(raw.shape_id, raw.split, parts, structure, similarity, alignment, found, origin)
 
 

@@ -13,7 +13,8 @@ from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, score
+from cagesdf.evaluation.reconstruction import score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import CageField, Extraction, extract
 from cagesdf.fitting.cages import fit_cage
 from cagesdf.fitting.fitted import FittedCage
@@ -255,6 +256,7 @@ def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[s
         "verdict": str(verdict),
         "far": verdict.far,
         "parts": len(shape.parts),
+        "whose_parts": f"{shape.origin.parts}: {shape.origin.reason}",
         "bounded": int(fit.prepared.fitted.bounded.sum()),
         "repair": shape.status,
         "scale": shape.similarity.scale,

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.decoders import decoder_sizes
 from pipeline.errors import PipelineError
 
 Count = Annotated[int, Field(ge=1)]
@@ -121,16 +122,11 @@ class SampleParams(Params):
 
 
 class TrainParams(Params):
-    """One arm: network, data and schedule."""
+    """One arm: network, data and schedule; and whole numbers that its decoder alone is made with."""
 
-    decoder: Literal[
-        "TriplaneDecoder",
-        "PlainTriplaneDecoder",
-        "RelationTriplaneDecoder",
-        "OccupancyDecoder",
-        "CageDecoder",
-        "DeepSdfDecoder",
-    ]
+    model_config = ConfigDict(extra="allow")
+
+    decoder: str  # of those in cagesdf/models/arms.py
     latents: Literal["source", "deformed"]  # one latent a source shape, or one a deformed shape
     steps_of: Literal["all", "rest"]  # training steps of the sequences, or source shapes only
     reach: NonNegative  # CageDecoder: of its cuboid, of the points that count; canonical units
@@ -380,6 +376,7 @@ def check(path: Path) -> dict[str, Params]:
             problems += [f"{name}.{key}: stands under run" for key in lists if key in values]
             values = {"format": content["format"], **values, **lists}
         sections[name] = validate(name, model, values)
+        problems += wrong_sizes(name, sections[name])
     arms = content["arms"] if isinstance(content["arms"], dict) and isinstance(content["train"], dict) else {}
     if not isinstance(content["arms"], dict):
         problems.append(f"arms: wanted a mapping, got {content['arms']!r}")
@@ -390,6 +387,7 @@ def check(path: Path) -> dict[str, Params]:
         merged = {"format": content["format"], **content["train"], **(differences or {})}
         before = len(problems)
         sections[f"arms.{name}"] = validate(f"arms.{name}", TrainParams, merged)
+        problems += wrong_sizes(f"arms.{name}", sections[f"arms.{name}"])
         # What is wrong in train is said once.
         told = {problem.split(":")[0].split(".", 1)[1] for problem in problems[:before] if problem.startswith("train.")}
         problems[before:] = [p for p in problems[before:] if p.split(":")[0].split(".", 2)[2] not in told]
@@ -401,6 +399,25 @@ def check(path: Path) -> dict[str, Params]:
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     return sections
+
+
+def wrong_sizes(place: str, params: Any) -> Iterator[str]:
+    """What is wrong with an arm's decoder, and with the numbers that no other decoder has."""
+    if not isinstance(params, TrainParams):
+        return
+    decoders, own = decoder_sizes(), params.model_extra or {}
+    if params.decoder not in decoders:
+        yield f"{place}.decoder: no decoder {params.decoder!r}; there are {', '.join(decoders)}"
+        return
+    sizes = decoders[params.decoder]
+    for name, value in own.items():
+        if name not in sizes:
+            yield f"{place}.{name}: extra inputs are not permitted, got {value!r}"
+        elif type(value) is not int or value < 1:
+            yield f"{place}.{name}: wanted a whole number of at least 1, got {value!r}"
+    for name in sizes:
+        if name not in own and name not in TrainParams.model_fields:
+            yield f"{place}.{name}: field required; {params.decoder} is made with it"
 
 
 def contradictions(sections: dict[str, Any]) -> Iterator[str]:

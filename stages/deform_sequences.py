@@ -29,8 +29,11 @@ from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.matching import Match
 from cagesdf.structure.assembly import Assembly
 from pipeline import DeformParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, sequences
 
 TRANSFERS: Mapping[str, type[Transfer]] = {"trilinear": Trilinear, "keep_details": KeptDetails}
+
+COST = Cost("sequences", sequences)
 
 
 def main(shapes: Path, cuboids: Path, matches: Path, out: Path, params: DeformParams) -> None:

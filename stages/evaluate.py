@@ -12,7 +12,8 @@ from typing import Any
 from cagesdf.cuboid import Sequence
 from cagesdf.deformation import Transfer
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, as_own, definitions, own_figures, score
+from cagesdf.evaluation.reconstruction import as_own, definitions, own_figures, score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
 from cagesdf.io.sequences import read_sequences, read_transfers
@@ -20,6 +21,9 @@ from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.seeds import item_rng
 from cagesdf.solid import cage_surface
 from pipeline import EvaluateParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, surfaces
+
+COST = Cost("surfaces", surfaces)
 
 
 def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: EvaluateParams) -> None:

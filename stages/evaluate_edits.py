@@ -11,7 +11,7 @@ import torch
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import Trial
 from cagesdf.extraction import LOOSE, LiveSurface, field_of
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
@@ -20,8 +20,11 @@ from cagesdf.io.trials import TrialFolder, read_trials
 from cagesdf.meshes import Mesh
 from cagesdf.seeds import item_rng
 from pipeline import EditsParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, trials
 
 Surfaces = dict[tuple[str, str], Mesh]  # by arm and trial
+
+COST = Cost("trials", trials)
 
 
 def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:

@@ -34,8 +34,11 @@ from cagesdf.io.generation import write_generation
 from cagesdf.seeds import item_rng
 from cagesdf.training.features import classify
 from pipeline import GenerationParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, references
 
 Key = tuple[str, str, int]  # arm, method, draw
+
+COST = Cost("references", references)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,9 @@ import torch
 
 from cagesdf.deformation import Transfer
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.evaluation.reconstruction import Measured, Truth, definitions, score
-from cagesdf.evaluation.tables import PROGRESS
+from cagesdf.evaluation.metrics import PROGRESS
+from cagesdf.evaluation.reconstruction import definitions, score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.points import CHUNK
 from cagesdf.io.progress import write_progress
@@ -21,6 +22,16 @@ from cagesdf.io.sequences import read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.seeds import draw, item_rng
 from pipeline import ProgressParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, Counts, Sections
+
+
+def surfaces(sections: Sections, arm: str) -> int:
+    """Surfaces of an arm: after each snapshot and at the end."""
+    shapes = min(sections["evaluate_progress"].shapes, Counts.of(sections).sequences)
+    return shapes * (1 + len(sections["train"].snapshots))
+
+
+COST = Cost("surfaces", surfaces)
 
 
 def main(runs: Path, shapes: Path, sequences: Path, out: Path, params: ProgressParams) -> None:

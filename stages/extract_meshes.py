@@ -15,7 +15,10 @@ from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.runs import Run, read_run
 from cagesdf.seeds import draw
 from pipeline import ExtractParams, artefact, progress, run_stage
+from pipeline.cost import Cost, surfaces
 from pipeline.executor import workers
+
+COST = Cost("surfaces", surfaces, {"sources": 1, "held_out": 1})
 
 
 def main(run: Path, out: Path, params: ExtractParams) -> None:

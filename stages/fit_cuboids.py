@@ -17,6 +17,9 @@ from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.seeds import item_rng
 from pipeline import FitParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, shapes
+
+COST = Cost("shapes", shapes)
 
 
 def main(shapes: Path, out: Path, params: FitParams) -> None:

@@ -30,9 +30,20 @@ from cagesdf.generation.generator import Generated, Samples
 from cagesdf.io.generated import KIND, GeneratedShape, write_generated
 from cagesdf.io.generators import read_generator
 from cagesdf.io.runs import Run, read_run
+from cagesdf.models.arms import decoder_class
 from cagesdf.seeds import item_rng
 from pipeline import GenerateParams, artefact, progress, run_stage
+from pipeline.cost import Cost, Sections
 from pipeline.executor import workers
+
+
+def new_shapes(sections: Sections, arm: str) -> int:
+    """Shapes by each of the arm's methods."""
+    knows_cuboids = decoder_class(sections[f"arms.{arm}"].decoder).trains_on != "cube"
+    return sections["generate"].shapes * (2 if knows_cuboids else 1)
+
+
+COST = Cost("new shapes", new_shapes, {"shapes": 2})
 
 
 def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:

@@ -15,6 +15,9 @@ from cagesdf.io.shapes import write_shapes
 from cagesdf.parts.slots import with_slots
 from cagesdf.shape import Shape
 from pipeline import ImportParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, shapes
+
+COST = Cost("shapes", shapes)
 
 
 def main(raw: Path, out: Path, params: ImportParams) -> None:

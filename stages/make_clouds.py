@@ -23,6 +23,9 @@ from cagesdf.synthesis.dataset import draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
 from pipeline import CloudsParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, references
+
+COST = Cost("shapes", references, {"drawn": 8})
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from cagesdf.cuboid import Sequence
 from cagesdf.deformation import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import keep_warp, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
 from cagesdf.io.edits import write_edits
@@ -24,6 +24,9 @@ from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
 from pipeline import TrialsParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, trials
+
+COST = Cost("trials", trials, {"swaps": 0})  # so few shapes may have none
 
 
 def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsParams) -> None:

@@ -13,6 +13,9 @@ from cagesdf.io.shapes import read_shapes
 from cagesdf.matching import group_by_structure, match_to_one_of, match_to_scaled
 from cagesdf.seeds import item_rng
 from pipeline import MatchParams, artefact, progress, run_stage
+from pipeline.cost import Cost, sequences
+
+COST = Cost("sequences", sequences, {"unmatched": "scale"})  # so few have no partners
 
 
 def main(shapes: Path, cuboids: Path, out: Path, params: MatchParams) -> None:

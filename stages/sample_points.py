@@ -22,8 +22,16 @@ from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
 from cagesdf.seeds import item_rng
 from cagesdf.solid import union
 from pipeline import SampleParams, artefact, parallel_groups, run_stage
+from pipeline.cost import Cost, Counts
 
 KINDS: tuple[PointsOf, ...] = ("shape", "part")
+
+COST = Cost(
+    "deformed shapes",
+    lambda sections, arm: Counts.of(sections).deformed,
+    {"shards": 1},
+    held=lambda sections, size: size // sections["sample_points"].shards,  # a shard is mixed in memory
+)
 
 
 def main(shapes: Path, sequences: Path, out: Path, params: SampleParams) -> None:

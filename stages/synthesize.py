@@ -12,6 +12,9 @@ from cagesdf.synthesis.dataset import draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import write_shape, write_splits
 from pipeline import SynthesizeParams, artefact, parallel_map, run_stage
+from pipeline.cost import Cost, shapes
+
+COST = Cost("shapes", shapes, {"train": 2, "val": 0})
 
 
 def main(category: str, out: Path, params: SynthesizeParams) -> None:

@@ -30,11 +30,38 @@ from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import Ranks, joined_ranks
 from cagesdf.training.free_codes import FreeCodes
 from cagesdf.training.loop import TrainSettings, train
-from cagesdf.training.points import LoadedPoints, TrainingPoints, open_points
+from cagesdf.training.points import BYTES_A_POINT, LoadedPoints, TrainingPoints, open_points
 from cagesdf.training.precision import fitting_precision, processor
 from cagesdf.training.residuals import rest_residuals
 from pipeline import TrainParams, artefact, counter, device, run_stage
+from pipeline.cost import Cost, Counts, Sections
 from pipeline.memory import memory
+
+MEASURED_GROUPS = 16  # a step that is measured has, at most
+MEASURED_WORK = 2e11  # multiplications that a measured training makes, about: a second or some
+
+
+def trained_points(sections: Sections, arm: str) -> int:
+    """Points in all groups of all steps."""
+    return sections[f"arms.{arm}"].steps * sections[f"arms.{arm}"].batch_chunks * CHUNK
+
+
+def measured_trainings(params: TrainParams) -> tuple[TrainParams, TrainParams]:
+    """One step, and so many more that they take a second or some, by the size of the network."""
+    groups = min(params.batch_chunks, MEASURED_GROUPS)
+    a_step = groups * CHUNK * 6 * params.layers * params.width**2
+    steps = int(min(max(MEASURED_WORK / a_step, 8), 400))
+    few = {"batch_chunks": groups, "steps": 1}
+    return params.model_copy(update=few), params.model_copy(update=few | {"steps": 1 + steps})
+
+
+def held_points(sections: Sections, size: int) -> int:
+    """Bytes of the points, where memory holds all of them."""
+    points = Counts.of(sections).points * BYTES_A_POINT
+    return points if points <= memory() else 0
+
+
+COST = Cost("points", trained_points, {"snapshots": []}, measured_trainings, grows=False, held=held_points)
 
 
 def main(points: Path, shapes: Path, cuboids: Path, sequences: Path, out: Path, params: TrainParams) -> None:

@@ -24,6 +24,14 @@ from cagesdf.synthesis.dataset import CATEGORIES, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.training.features import ClassifierSettings, classify, train_classifier
 from pipeline import FeaturesParams, artefact, counter, parallel_map, run_stage
+from pipeline.cost import Cost
+
+COST = Cost(
+    "steps",
+    lambda sections, arm: sections["train_features"].steps,
+    {"train": 9, "val": 9, "steps": 20},
+    grows=False,
+)
 
 
 def main(out: Path, params: FeaturesParams) -> None:

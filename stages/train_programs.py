@@ -24,9 +24,12 @@ from cagesdf.seeds import item_rng
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.base import Structure
 from pipeline import TrainProgramsParams, artefact, counter, run_stage
+from pipeline.cost import Cost
 
 SETTINGS = {"width", "code", "steps", "batch", "learning_rate", "divergence", "hidden", "seed"}
 Log = list[dict[str, int | float]]
+
+COST = Cost("steps", lambda sections, arm: sections["train_programs"].steps, {"steps": 200, "samples": 10}, grows=False)
 
 
 def main(shapes: Path, cuboids: Path, out: Path, params: TrainProgramsParams) -> None:

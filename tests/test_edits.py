@@ -18,7 +18,7 @@ from cagesdf.evaluation.edits import (
     refit,
     with_gains,
 )
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import Trial, trial_of
 from cagesdf.meshes import Mesh, join
 from cagesdf.solid import cage_surface, union

@@ -51,6 +51,21 @@ def test_every_kind_of_file_gives_the_same_part(tmp_path: Path, kind: str) -> No
     np.testing.assert_allclose(part.mesh.vertices.min(0), SEAT.vertices.min(0), atol=1e-7)
 
 
+def test_a_folder_with_a_single_file_is_a_whole_shape_with_the_parts_that_the_file_has(tmp_path: Path) -> None:
+    toy.write_obj(tmp_path / "one" / "model.obj", SEAT)
+    scene = trimesh.Scene()
+    for name, mesh in (("seat", SEAT), ("leg", LEG)):
+        scene.add_geometry(as_trimesh(mesh), node_name=name, geom_name=name)
+    (tmp_path / "two").mkdir()
+    scene.export(tmp_path / "two" / "scene.glb")
+    for name in ("seat", "leg"):
+        toy.write_obj(tmp_path / "parts" / f"{name}.obj", LEG)
+    read_parts = {name: read(tmp_path, name) for name in ("one", "two", "parts")}
+    names = {name: sorted(part.part_id for part in raw.parts) for name, raw in read_parts.items()}
+    assert names == {"one": ["model"], "two": ["leg", "seat"], "parts": ["leg", "seat"]}
+    assert {name: raw.whole for name, raw in read_parts.items()} == {"one": True, "two": True, "parts": False}
+
+
 def test_the_nodes_of_a_scene_are_parts_where_the_scene_places_them(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     mirror = np.diag([-1.0, 1, 1, 1])

@@ -1,6 +1,7 @@
 """Who may import whom: docs/design.md, section 3, read off the code's own imports."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,7 @@ TORCH = {
 }
 PYARROW = {"io"}
 YAML = {"params.py", "planning.py", "workspace.py"}
+NAMING_STAGES = {"params.py", "cost.py", "workspace.py"}  # of the machinery: docs/design.md, section 2
 DYNAMIC = {"import_module", "__import__", "run_module", "run_path"}
 
 
@@ -137,10 +139,38 @@ def test_the_library_imports_only_what_lies_before_it(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", modules("pipeline"), ids=lambda path: path.name)
-def test_the_machinery_knows_nothing_about_shapes_and_only_the_plan_calls_stages(path: Path) -> None:
+def test_the_machinery_imports_nothing_of_the_library_and_only_the_plan_imports_stages(path: Path) -> None:
     packages = {name.split(".")[0] for name in imported(path)}
     assert "cagesdf" not in packages
     assert ("stages" in packages) == (path.name == "planning.py")
+
+
+def test_the_machinery_names_single_stages_where_the_design_says_so_and_networks_nowhere() -> None:
+    stages = {path.stem for path in modules("stages")} - {"__init__", "report"}
+    networks = {name for path in modules("cagesdf/models") for name in classes(path.read_text(encoding="utf-8"))}
+    texts = {path.name: path.read_text(encoding="utf-8") for path in modules("pipeline")}
+    assert {name for name, text in texts.items() if words_in_strings(text) & stages} == NAMING_STAGES
+    assert {"CageDecoder", "OccupancyDecoder"} <= networks
+    assert not [name for name, text in texts.items() if words_in_strings(text) & networks]
+
+
+def classes(text: str) -> set[str]:
+    return {node.name for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}
+
+
+def words_in_strings(text: str) -> set[str]:
+    """The words of all strings of a file but for its docstrings."""
+    nodes = [*ast.walk(ast.parse(text))]
+    docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    strings = [node.value for node in nodes if isinstance(node, ast.Constant) and id(node) not in docstrings]
+    return {word for string in strings if isinstance(string, str) for word in re.split(r"\W+", string)}
+
+
+def test_a_stage_or_network_that_is_named_in_a_string_is_seen() -> None:
+    text = (
+        '"""train"""\ndef f(arm: Literal["CageDecoder"]):\n    """fit_cuboids"""\n    return f"stages.evaluate {arm}"'
+    )
+    assert words_in_strings(text) & {"train", "CageDecoder", "fit_cuboids", "evaluate"} == {"CageDecoder", "evaluate"}
 
 
 def test_an_import_by_a_call_is_seen() -> None:

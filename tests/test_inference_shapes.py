@@ -93,6 +93,7 @@ def test_a_shape_like_the_training_shapes_gets_its_code_and_its_surface() -> Non
     assert measured["surface_distance"] < 0.3
     told = inference.report(found, surface, measured)
     assert json.loads(json.dumps(told)) == told
+    assert told["whose_parts"] == "given: parts as the files have them"
     assert told["residual"] == pytest.approx(found.inferred.error, abs=1e-6)
     assert told["residual_one_code"] == pytest.approx(found.verdict.residual, abs=1e-6)
 

@@ -8,7 +8,9 @@ import toy
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.deformation import Trilinear
-from cagesdf.evaluation.reconstruction import BOTH_WAYS, METRICS, OWN, Measured, Truth, own_figures, score
+from cagesdf.evaluation.metrics import OF_KEY, POINT_METRICS
+from cagesdf.evaluation.reconstruction import OWN, own_figures, score
+from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.meshes import Mesh, sample_surface
 from cagesdf.shape import Shape
 from cagesdf.solid import cage_surface, union
@@ -25,7 +27,11 @@ def measured(predicted: Mesh | None, true: Mesh, cage: Cage = LOOSE, points: int
 
 def test_every_metric_is_there() -> None:
     ball = toy.ball([0, 0, 0], 0.5)
-    assert measured(ball, ball).keys() == measured(None, ball).keys() == {*METRICS, "detail_share"} - {*OWN.values()}
+    assert (
+        measured(ball, ball).keys()
+        == measured(None, ball).keys()
+        == {*OF_KEY, "detail_share"} - {f"{key}_own" for key in OWN}
+    )
 
 
 def test_a_surface_against_itself_is_perfect_but_for_the_sampling_floor() -> None:
@@ -170,8 +176,8 @@ def test_a_shape_that_fills_its_cage_has_no_figures_of_detail() -> None:
     for predicted in (true, None):
         figures = measured(predicted, true)
         assert figures["detail_share"] == 0
-        assert all(np.isnan(figures[f"{name}_detail"]) for name in BOTH_WAYS)
-        assert not any(np.isnan(figures[name]) for name in BOTH_WAYS)
+        assert all(np.isnan(figures[f"{metric.key}_detail"]) for metric in POINT_METRICS)
+        assert not any(np.isnan(figures[metric.key]) for metric in POINT_METRICS)
 
 
 def stool_in_its_boxes() -> tuple[Shape, Cage]:
@@ -207,7 +213,7 @@ def test_a_surface_is_measured_against_the_truth_it_was_taught() -> None:
         drawn = [truth.drawn(POINTS, np.random.default_rng(0)) for truth in truths]
         averaged = score(surface, truths[0], drawn[0], np.random.default_rng(0))["surface_distance"]
         by_own = own_figures(surface, truths[1], drawn[1], np.random.default_rng(0))
-        assert by_own.keys() == set(OWN.values())
+        assert by_own.keys() == {f"{key}_own" for key in OWN}
         return averaged, by_own["surface_distance_own"]
 
     own, averaged = (kind(shape, sequence, 1, 0.005, Trilinear()).mesh for kind in (Truth.own, Truth.of))

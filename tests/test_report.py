@@ -19,9 +19,8 @@ from cagesdf.deformation import deform_shape, scaled_cage
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import FIGURES
 from cagesdf.evaluation.generation import FIGURES as GENERATION
-from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.evaluation.metrics import OF_KEY, PROGRESS
 from cagesdf.evaluation.table3 import REAL, gather_generation
-from cagesdf.evaluation.tables import PROGRESS
 from cagesdf.evaluation.trials import trial_of
 from cagesdf.fitting.cages import FittedCage
 from cagesdf.io.cuboids import write_cuboids
@@ -416,7 +415,7 @@ def edit(arm: str, shape: Shape, style: Shape, gain: float) -> dict[str, object]
 
 
 def write_rows(folder: Path, keys: list[tuple[str, str, int]]) -> None:
-    figures_ = dict.fromkeys([*METRICS, *(column.name for column in SCORES.columns[5:])], 0.5)
+    figures_ = dict.fromkeys([*OF_KEY, *(column.name for column in SCORES.columns[5:])], 0.5)
     rows = [{"arm": a, "shape_id": i, "step": k, "held_out": k == 1, "seed": 0, **figures_} for a, i, k in keys]
     with artefact.write("scores", folder, inputs={}, params=PARAMS) as out:
         write_scores(out, rows, {"version": 1})

@@ -7,7 +7,10 @@ from typing import Any
 
 import pytest
 
-from cagesdf.report.results import readme_table, results_page, with_readme_table
+from cagesdf.evaluation.metrics import METRICS, OF_KEY
+from cagesdf.evaluation.reconstruction import VERSION
+from cagesdf.io.scores import MEANINGS
+from cagesdf.report.results import readme_table, results_page, with_metrics, with_readme_table
 
 ROOT = Path(__file__).parents[1]
 
@@ -59,3 +62,25 @@ def test_what_was_not_measured_is_a_dash(tables: Any) -> None:
 def test_a_readme_without_a_place_for_the_table_is_refused(tables: Any) -> None:
     with pytest.raises(ValueError, match="one pair of comments"):
         with_readme_table("# cagesdf\n", tables)
+
+
+def test_the_page_of_metrics_has_each_of_them_as_it_is_calculated() -> None:
+    page = (ROOT / "docs/metrics.md").read_text(encoding="utf-8")
+    assert with_metrics(page) == page
+    assert f"Version {VERSION} of the definitions" in page
+    with pytest.raises(ValueError, match="one pair of comments"):
+        with_metrics(page + page)
+
+
+def test_the_committed_tables_have_the_registrys_metrics(tables: Any) -> None:
+    for table in ("table1", "table2"):
+        for arms in tables[table].values():
+            assert {tuple(sorted(figures)) for figures in arms.values()} == {tuple(sorted(OF_KEY))}
+    assert tables["about"]["version"] == VERSION
+
+
+def test_a_metrics_key_title_and_meaning_are_its_own() -> None:
+    for field in ("key", "title", "meaning"):
+        assert len({getattr(metric, field) for metric in METRICS}) == len(METRICS)
+    assert list(OF_KEY) == list(MEANINGS)
+    assert len(OF_KEY) == sum(len(metric.variants) for metric in METRICS)

@@ -11,7 +11,7 @@ import toy
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.deformation import interpolated_cage
-from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.evaluation.metrics import OF_KEY
 from cagesdf.evaluation.tables import gather_tables
 from cagesdf.io.meshes import read_surfaces
 from cagesdf.io.progress import read_progress
@@ -159,7 +159,7 @@ def test_tables_have_every_arm_and_references_and_the_cage_between_floor_and_fai
     assert tables["about"]["points"] == 500
     for table in ("table1", "table2"):
         arms = tables[table]["stool"]
-        assert set(arms["cage"]) == set(METRICS)
+        assert set(arms["cage"]) == set(OF_KEY)
         distance = {arm: figures["surface_distance"]["mean"] for arm, figures in arms.items()}
         assert distance["ground_truth"] < 1e-6 < distance["cage"] < 5
         assert distance["nothing"] == pytest.approx(100)

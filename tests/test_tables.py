@@ -7,7 +7,7 @@ import pytest
 
 from cagesdf.errors import InputError
 from cagesdf.evaluation.edits import FIGURES
-from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.evaluation.metrics import OF_KEY
 from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 
 ABOUT = {"version": 1, "seeds": [0, 1]}
@@ -16,7 +16,7 @@ ABOUT = {"version": 1, "seeds": [0, 1]}
 def row(shape_id: str, step: int, seed: int, value: float, **others: float) -> dict:
     return (
         {"shape_id": shape_id, "step": step, "held_out": step == 2, "seed": seed}
-        | dict.fromkeys(METRICS, value)
+        | dict.fromkeys(OF_KEY, value)
         | others
     )
 
@@ -31,7 +31,7 @@ def test_seeds_are_averaged_and_the_spread_is_over_shapes() -> None:
         "max": 6.0,
         "n": 2,
     }
-    assert set(tables["table1"]["chair"]["cagesdf"]) == set(METRICS)
+    assert set(tables["table1"]["chair"]["cagesdf"]) == set(OF_KEY)
     assert tables["about"] == ABOUT
 
 

@@ -18,7 +18,6 @@ def plan(*, profile: str | None = None) -> None:
     """
     try:
         from pipeline.errors import PipelineError
-        from pipeline.planning import Groups
         from pipeline.planning import plan as estimated
     except ModuleNotFoundError as error:
         if error.name and error.name.split(".")[0] == "pipeline":
@@ -27,11 +26,8 @@ def plan(*, profile: str | None = None) -> None:
                 "pip install -e '.[pipeline]'"
             ) from error
         raise
-    from cagesdf.io.points import CHUNK
-    from cagesdf.training.points import BYTES_A_POINT
-
     try:
         with TemporaryDirectory() as folder:
-            print("\n".join(estimated(profile, Path(folder), Groups(CHUNK, BYTES_A_POINT))))
+            print("\n".join(estimated(profile, Path(folder))))
     except PipelineError as error:
         raise InputError(str(error)) from error

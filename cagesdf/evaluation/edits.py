@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
-from cagesdf.evaluation.reconstruction import Truth
+from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import SWAPS, Trial
 from cagesdf.matching import touching
 from cagesdf.meshes import Mesh, sample_surface

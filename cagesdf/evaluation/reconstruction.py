@@ -1,178 +1,35 @@
 """How far a surface is from the true one (§4.1, §4.2): the definitions of docs/metrics.md."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
-from manifold3d import Manifold
+from jaxtyping import Bool
 from numpy import ndarray
-from scipy.spatial import cKDTree
 
-from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import Transfer
-from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface, topology
-from cagesdf.shape import Shape
-from cagesdf.solid import as_manifold, cage_surface, union
+from cagesdf.evaluation.metrics import POINT_METRICS, SURFACE_METRICS
+from cagesdf.evaluation.surfaces import Direction, Drawn, Measured, Truth, directions, nowhere
 
 VERSION = 4  # of the definitions; raised when one changes
-F_SCORES = {"f1": 0.01, "f2": 0.02}  # thresholds, shares of the longest side
-# Of the whole surface, and with the suffix `_detail` of its detail alone.
-BOTH_WAYS = (
-    "surface_distance", "accuracy", "completeness", "cd_deepsdf", "cd_l1", *F_SCORES, "nc", "nc_signed",
-)  # fmt: skip
-# Against the parts that followed their own cuboids alone, as the part model is taught (docs/metrics.md).
-OWN = {"surface_distance": "surface_distance_own", "nc_signed": "nc_signed_own"}
-METRICS = (
-    *BOTH_WAYS, "iou", "closed", "same_components", "same_genus",
-    *OWN.values(), *(f"{name}_detail" for name in BOTH_WAYS),
-)  # fmt: skip
-
-
-class Measured:
-    """A surface that is asked for distances, normals and insides more than once."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        """`mesh` is canonical and has faces; it is closed and outward where insides matter."""
-        self.mesh = mesh
-        self.distance = SurfaceDistance(mesh)
-        self._shared: dict[Measured, float] = {}
-
-    @cached_property
-    def normals(self) -> Float[ndarray, "f 3"]:
-        """Unit normals of the faces; zero for a face without area."""
-        normals = face_normals(self.mesh)
-        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-
-    @cached_property
-    def closed(self) -> bool:
-        """Whether the surface has no hole and one orientation."""
-        return is_closed(self.mesh)
-
-    @cached_property
-    def topology(self) -> tuple[int, int]:
-        """How many closed surfaces hang together, and how many handles they have in all."""
-        return topology(self.mesh)
-
-    @cached_property
-    def _solid(self) -> Manifold:
-        return as_manifold(self.mesh)
-
-    def iou(self, other: "Measured") -> float:
-        """Volume of the intersection over that of the union, exact; of what isn't closed 0, as it has no volume."""
-        if not (self.closed and other.closed):
-            return 0.0
-        if other not in self._shared:
-            self._shared[other] = (self._solid ^ other._solid).volume()
-        both = self._shared[other]
-        return max(both / (self._solid.volume() + other._solid.volume() - both), 0.0)
-
-
-class Truth(Measured):
-    """The true surface, and which of it is detail: further from the cage's surface than a threshold."""
-
-    def __init__(self, mesh: Mesh, cage: Cage, detail: float) -> None:
-        """`mesh` is the union of the true parts, canonical; `detail` a share of its longest side."""
-        super().__init__(mesh)
-        self.side = float(np.ptp(mesh.vertices, axis=0).max())  # the unit of percentages, canonical
-        self.threshold = detail * self.side
-        self.cage = SurfaceDistance(cage_surface(cage))
-
-    def drawn(self, count: int, rng: np.random.Generator) -> "Drawn":
-        """`count` points of it, uniform by area, to measure several surfaces with."""
-        points, normals = _sample(self, count, rng)
-        return Drawn(points, normals, self.is_detail(points))
-
-    @staticmethod
-    def of(shape: Shape, sequence: Sequence, step: int, detail: float, transfer: Transfer) -> "Truth":
-        """The union of a shape's parts after they have followed its sequence to `step`."""
-        return Truth(union(transfer.parts(shape, sequence, step)), sequence.cages[step], detail)
-
-    @staticmethod
-    def own(shape: Shape, sequence: Sequence, step: int, detail: float, transfer: Transfer) -> "Truth":
-        """The same of parts that have each followed its own cuboid alone."""
-        return Truth(union(transfer.own_parts(shape, sequence, step)), sequence.cages[step], detail)
-
-    def is_detail(self, points: Float[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
-        """Whether points of the true surface are detail."""
-        return self.cage.unsigned(points) > self.threshold
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """Points of the true surface."""
-
-    points: Float[ndarray, "n 3"]  # canonical
-    normals: Float[ndarray, "n 3"]  # unit
-    detail: Bool[ndarray, " n"]  # whether they are detail
-
-    @cached_property
-    def tree(self) -> cKDTree:
-        """Of the points."""
-        return _tree(self.points)
-
-
-@dataclass(frozen=True, eq=False)
-class Direction:
-    """From points of one surface to the other surface."""
-
-    distance: Float[ndarray, " n"]  # exact, to the surface; canonical
-    sample: Float[ndarray, " n"]  # to the nearest of the other surface's sampled points; canonical
-    cosine: Float[ndarray, " n"]  # between the point's normal and that of the nearest point of the surface
-    aligned: Float[ndarray, " n"]  # its absolute value
-    detail: Bool[ndarray, " n"]  # the point on the true surface is detail
-
-    def only(self, where: Bool[ndarray, " n"]) -> "Direction":
-        """Some of the points."""
-        return Direction(*(field[where] for field in vars(self).values()))
-
-
-def nowhere(side: float) -> Direction:
-    """The worst values, for a surface that isn't there: one longest side away, no normal that agrees."""
-    one = np.ones(1)
-    return Direction(side * one, side * one, -one, 0 * one, np.ones(1, dtype=bool))
+OWN = tuple(metric.key for metric in POINT_METRICS if metric.own)  # metrics against parts that followed their cuboids
 
 
 def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
-    """METRICS of a predicted surface but for OWN, and `detail_share` of the true one.
+    """METRICS of a predicted surface but for those of OWN's truth, and `detail_share` of the true one.
 
     Draws as many points on the predicted surface as were `drawn` of the true one. `None` is a surface without
     faces: it gets the worst values. Detail is NaN where the true surface has none.
     """
-    detail = drawn.detail
-    if predicted is None:
-        lost = nowhere(truth.side)
-        figures = compare(lost, lost, truth.side) | dict.fromkeys(
-            ("iou", "closed", "same_components", "same_genus"), 0.0
-        )
-        return figures | _of_detail(lost, lost, truth.side, detail) | {"detail_share": float(detail.mean())}
-    forth, back = directions(predicted, truth, drawn, rng)
+    lost = nowhere(truth.side)
+    forth, back = (lost, lost) if predicted is None else directions(predicted, truth, drawn, rng)
     return {
         **compare(forth, back, truth.side),
-        "iou": predicted.iou(truth),
-        "closed": float(predicted.closed),
-        "same_components": float(predicted.topology[0] == truth.topology[0]),
-        "same_genus": float(predicted.topology[1] == truth.topology[1]),
-        **_of_detail(forth, back, truth.side, detail),
-        "detail_share": float(detail.mean()),
+        **{
+            metric.key: metric.worst if predicted is None else metric.of(predicted, truth) for metric in SURFACE_METRICS
+        },
+        **_of_detail(forth, back, truth.side, drawn.detail),
+        "detail_share": float(drawn.detail.mean()),
     }
-
-
-def directions(
-    predicted: Measured, truth: Truth, drawn: Drawn, rng: np.random.Generator
-) -> tuple[Direction, Direction]:
-    """From the true surface to the predicted one, and from as many points of that back."""
-    points, normals = _sample(predicted, len(drawn.points), rng)
-    distance, faces, _ = predicted.distance.closest(drawn.points)
-    cosine = np.einsum("ij,ij->i", drawn.normals, predicted.normals[faces])
-    forth = Direction(distance, _nearest(_tree(points), drawn.points), cosine, np.abs(cosine), drawn.detail)
-    distance, faces, nearest = truth.distance.closest(points)
-    cosine = np.einsum("ij,ij->i", normals, truth.normals[faces])
-    back = Direction(distance, _nearest(drawn.tree, points), cosine, np.abs(cosine), truth.is_detail(nearest))
-    return forth, back
 
 
 def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
@@ -184,26 +41,12 @@ def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.
 
 def as_own(figures: Mapping[str, float]) -> dict[str, float]:
     """OWN where both truths are the same: at rest, where no cuboid has moved."""
-    return {own: figures[name] for name, own in OWN.items()}
+    return {f"{key}_own": figures[key] for key in OWN}
 
 
 def compare(forth: Direction, back: Direction, side: float) -> dict[str, float]:
-    """BOTH_WAYS from the two directions: `forth` from the true surface, `back` from the predicted one."""
-    ways = (forth, back)
-    completeness, accuracy = (100 / side * float(way.distance.mean()) for way in ways)
-    figures = {
-        "surface_distance": (completeness + accuracy) / 2,
-        "accuracy": accuracy,
-        "completeness": completeness,
-        "cd_deepsdf": sum(float((way.sample**2).mean()) for way in ways),
-        "cd_l1": sum(float(way.sample.mean()) for way in ways) / 2,
-        "nc": sum(float(way.aligned.mean()) for way in ways) / 2,
-        "nc_signed": sum(float(way.cosine.mean()) for way in ways) / 2,
-    }
-    for name, threshold in F_SCORES.items():
-        recall, precision = (float((way.distance < threshold * side).mean()) for way in ways)
-        figures[name] = 2 * recall * precision / (recall + precision) if recall + precision else 0.0
-    return figures
+    """Point metrics from the two directions: `forth` from the true surface, `back` from the predicted one."""
+    return {metric.key: metric.of(forth, back, side) for metric in POINT_METRICS}
 
 
 def definitions(points: int, detail: float, seeds: tuple[int, ...]) -> dict[str, Any]:
@@ -221,24 +64,9 @@ def definitions(points: int, detail: float, seeds: tuple[int, ...]) -> dict[str,
     }
 
 
-def _sample(surface: Measured, count: int, rng: np.random.Generator) -> tuple[ndarray, ndarray]:
-    points, faces = sample_surface(surface.mesh, count, rng)
-    return points, surface.normals[faces]
-
-
-def _tree(points: ndarray) -> cKDTree:
-    """Quickly built: it is asked only as often as it has points."""
-    return cKDTree(points, compact_nodes=False, balanced_tree=False)
-
-
-def _nearest(tree: cKDTree, points: ndarray) -> ndarray:
-    """Distance from each point to the nearest of the tree's."""
-    return np.asarray(tree.query(points)[0])
-
-
 def _of_detail(forth: Direction, back: Direction, side: float, detail: Bool[ndarray, " n"]) -> dict[str, float]:
-    """BOTH_WAYS of the detail: true points that are, predicted points whose nearest true point is."""
+    """Point metrics of the detail: true points that are, predicted points whose nearest true point is."""
     if not detail.any():
-        return {f"{name}_detail": float("nan") for name in BOTH_WAYS}
+        return {f"{metric.key}_detail": float("nan") for metric in POINT_METRICS}
     back = back.only(back.detail) if back.detail.any() else nowhere(side)
-    return {f"{name}_detail": value for name, value in compare(forth.only(forth.detail), back, side).items()}
+    return {f"{key}_detail": value for key, value in compare(forth.only(forth.detail), back, side).items()}

@@ -7,10 +7,9 @@ import numpy as np
 
 from cagesdf.errors import InputError
 from cagesdf.evaluation.edits import FIGURES, OF_ALL
-from cagesdf.evaluation.reconstruction import METRICS
+from cagesdf.evaluation.metrics import OF_KEY, PROGRESS
 
 Rows = Iterable[Mapping[str, Any]]
-PROGRESS = ("surface_distance", "cd_deepsdf", "nc_signed")  # along a training
 TABLES = {"table1": lambda row: row["step"] == 0, "table2": lambda row: row["held_out"]}
 
 
@@ -49,7 +48,7 @@ def summarise(rows: Rows) -> dict[str, dict[str, float | int | None]]:
     for row in rows:
         grouped.setdefault((row["shape_id"], row["step"]), []).append(row)
     result: dict[str, dict[str, float | int | None]] = {}
-    for metric in METRICS:
+    for metric in OF_KEY:
         by_shape = [[row[metric] for row in group if not np.isnan(row[metric])] for group in grouped.values()]
         means = [float(np.mean(values)) for values in by_shape if values]
         result[metric] = {

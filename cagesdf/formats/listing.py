@@ -5,6 +5,7 @@ A category folder may mix
     <shape>/result_after_merging.json     PartNet; hierarchy in <anything>_hier/<shape>.json if there is one
     <shape>/<part>.<suffix>               a mesh file a part
     <shape>.<suffix>                      a mesh file a shape, a part in each group or scene node
+    <library>.<suffix>                    a file of LIBRARIES: the shape <library>_<piece> for each of its pieces
 
 with MESH_SUFFIXES, each with a ShapeAssembly program in <anything>_programs/<shape>.txt if there is one: then its
 leaves are the shape's parts, whatever the other files call parts. `<shape>.parts.json` beside a shape, if there is one,
@@ -19,14 +20,14 @@ files and those of JUNK, which operating systems leave, are passed over.
 """
 
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.formats import shapeassembly, structurenet
+from cagesdf.formats import sh3f, shapeassembly, structurenet
 from cagesdf.formats.naming import ambiguity
 from cagesdf.formats.partnet import MESH_FOLDERS, TREE, read_candidates, read_partnet
 from cagesdf.formats.parts_folder import MESH_SUFFIXES, part_files, read_parts_file, read_parts_folder
@@ -47,6 +48,17 @@ FOREIGN = {
 
 
 @dataclass(frozen=True)
+class Library:
+    """A format of files that hold several shapes each, their pieces."""
+
+    names: Callable[[Path], list[str]]  # of a file's pieces, distinct; raises InputError
+    read: Callable[[Path, int, str, str], RawShape]  # a piece by its place in `names`, with id and split; the same
+
+
+LIBRARIES = {".sh3f": Library(sh3f.piece_names, sh3f.read_piece)}  # by the suffix
+
+
+@dataclass(frozen=True)
 class ShapeSource:
     """The place of one shape; nothing of it has been read."""
 
@@ -57,6 +69,7 @@ class ShapeSource:
     program: Path | None  # ShapeAssembly's text
     written: Path | None = None  # parts that a user wrote down
     rivals: tuple[Path, ...] = ()  # others of the same id: if there are any, none is read
+    piece: int | None = None  # of a library, which `path` is then
 
 
 @dataclass(frozen=True)
@@ -78,6 +91,7 @@ class _Entries:
     """The entries of a category folder by kind."""
 
     shapes: list[tuple[str, Path]] = field(default_factory=list)  # id, folder or file
+    pieces: dict[tuple[str, Path], int] = field(default_factory=dict)  # of those that are pieces of a library
     hierarchies: list[Path] = field(default_factory=list)  # folders
     programs: list[Path] = field(default_factory=list)  # folders
     lists: dict[str, list[Path]] = field(default_factory=lambda: {TRAIN: [], VAL: []})
@@ -86,6 +100,7 @@ class _Entries:
     unnamed: list[str] = field(default_factory=list)  # names that are no text
     closed: list[str] = field(default_factory=list)  # folders that can't be opened, and why
     misnamed: list[str] = field(default_factory=list)  # folders of hierarchies or programs with meshes
+    damaged: list[str] = field(default_factory=list)  # libraries that can't be read, and why
     written: list[str] = field(default_factory=list)  # files with parts of shapes
     others: list[str] = field(default_factory=list)  # files
 
@@ -99,6 +114,8 @@ class _Entries:
             yield f"no shapes, as their names are no text: {several(self.unnamed)}; rename them"
         if self.closed:
             yield f"left out, as these folders can't be opened: {several(self.closed)}"
+        if self.damaged:
+            yield f"left out: {several(self.damaged)}"
         if self.misnamed:
             yield (
                 f"no shapes, as folders of hierarchies or programs end like them: {several(self.misnamed)}; "
@@ -132,7 +149,7 @@ def list_shapes(folder: Path, include: str) -> Listing:
         raise InputError(
             "; ".join([f"{folder}: no folder or mesh file fits include {include!r}; each would be one shape", *notes])
         )
-    if len(shapes) > 1 and all(path.is_file() for _, path in entries.shapes):
+    if len(shapes) > 1 and all(path.is_file() for _, path in entries.shapes) and not entries.pieces:
         notes.append(
             f"each mesh file is a shape; parts of one shape belong into a folder of their own, {folder.name}/<shape>"
         )
@@ -151,8 +168,9 @@ def list_shapes(folder: Path, include: str) -> Listing:
             path,
             hierarchies.get(shape_id),
             programs.get(shape_id),
-            _written(path),
+            None if (shape_id, path) in entries.pieces else _written(path),
             tuple(rivals),
+            entries.pieces.get((shape_id, path)),
         )
         for shape_id in shapes
         for path, *rivals in [places[shape_id]]
@@ -161,10 +179,13 @@ def list_shapes(folder: Path, include: str) -> Listing:
 
 
 def find_shapes(path: Path, include: str) -> Listing:
-    """The shapes at a path: a mesh file, a PartNet shape, or those of a category folder as `list_shapes` has them.
+    """The shapes at a path: a mesh file, a PartNet shape, or those of a library, or of a category folder as
+    `list_shapes` has them.
 
     Raises InputError if nothing of the kind is there.
     """
+    if path.is_file() and path.suffix.lower() in LIBRARIES:
+        return _pieces(path, composed(include))
     single = not path.is_dir() or (path / TREE).is_file()
     return Listing((find_shape(path),), ()) if single else list_shapes(path, include)
 
@@ -178,6 +199,8 @@ def find_shape(path: Path) -> ShapeSource:
     wanted = f"wanted one {', '.join(MESH_SUFFIXES)} file, or a folder of them"
     if path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
         return ShapeSource(composed(path.stem), "train", path, None, None, _written(path))
+    if path.is_file() and path.suffix.lower() in LIBRARIES:
+        return _only(path, find_shapes(path, "*"))
     if not path.is_dir():
         raise InputError(f"{path}: {'is no mesh' if path.exists() else 'no such file or folder'}; {wanted}")
     if _holds_shape(path):
@@ -186,6 +209,25 @@ def find_shape(path: Path) -> ShapeSource:
     if shapes:
         raise InputError(f"{path}: holds {len(shapes):,} shapes, such as {shapes[0]}; name one")
     raise InputError(f"{path}: holds no mesh; {wanted}")
+
+
+def _pieces(path: Path, fits: str) -> Listing:
+    """The pieces of a library whose ids fit a glob."""
+    ids = [_piece_id(path, name) for name in LIBRARIES[path.suffix.lower()].names(path)]
+    sources = [ShapeSource(ids[i], "train", path, None, None, piece=i) for i in range(len(ids)) if _fits(ids[i], fits)]
+    if not sources:
+        raise InputError(f"{path}: none of its {len(ids):,} pieces fits include {fits!r}")
+    return Listing(tuple(sorted(sources, key=lambda source: source.shape_id)), ())
+
+
+def _only(path: Path, listing: Listing) -> ShapeSource:
+    """The single piece of a library."""
+    if len(listing) > 1:
+        first = listing.shapes[0].shape_id
+        raise InputError(
+            f"{path}: holds {len(listing):,} pieces, such as {first}; give a folder that holds the library"
+        )
+    return listing.shapes[0]
 
 
 def read_shape(source: ShapeSource) -> RawShape:
@@ -211,6 +253,9 @@ def _written(path: Path) -> Path | None:
 
 
 def _read_parts(source: ShapeSource) -> RawShape:
+    if source.piece is not None:
+        library = LIBRARIES[source.path.suffix.lower()]
+        return library.read(source.path, source.piece, source.shape_id, source.split)
     if source.path.is_file():
         return read_parts_file(source.path, source.shape_id, source.split)
     if _is_partnet(source.path):
@@ -245,11 +290,30 @@ def _entries(folder: Path, fits: str) -> _Entries:
             entries.lists[name.casefold()].append(path)
         elif path.is_file() and path.suffix.lower() in MESH_SUFFIXES:
             entries.shapes.append((composed(path.stem), path))
+        elif path.is_file() and path.suffix.lower() in LIBRARIES:
+            _enter_library(entries, path)
         elif name.endswith(SUFFIX) and path.is_file():
             entries.written.append(name)
         elif _fits(composed(path.stem), fits):
             (entries.foreign if path.suffix.lower() in FOREIGN else entries.others).append(name)
     return entries
+
+
+def _enter_library(entries: _Entries, path: Path) -> None:
+    """Put the pieces of a library among the shapes."""
+    try:
+        names = LIBRARIES[path.suffix.lower()].names(path)
+    except InputError as error:
+        entries.damaged.append(str(error))
+        return
+    for place, name in enumerate(names):
+        shape_id = _piece_id(path, name)
+        entries.shapes.append((shape_id, path))
+        entries.pieces[shape_id, path] = place
+
+
+def _piece_id(path: Path, name: str) -> str:
+    return composed(f"{path.stem}_{name}")
 
 
 def _enter_folder(entries: _Entries, name: str, path: Path, fits: bool) -> None:

@@ -56,19 +56,19 @@ def read_obj(path: Path) -> Mesh:
     Raises InputError with file, line and text for a line that can't be read, a face with fewer than three
     vertices, and an index that names no vertex so far in the file.
     """
-    content = _read(path)
+    content = _read(path, read_bounded(path))
     return _mesh(path, content, np.arange(len(content.counts)))
 
 
-def read_obj_groups(path: Path) -> list[tuple[str, Mesh]]:
+def read_obj_groups(path: Path, packed: bytes | None = None) -> list[tuple[str, Mesh]]:
     """The named parts of a file in its order: its objects, or its groups if all objects have one name.
 
     Faces of no group belong to the object, those of no object to "". Groups of one name are one part. Where all
     objects and groups have one name, objects that share no vertex are several parts of it:
-    `naming.distinct_names` tells them apart. Names that aren't UTF-8 are read as Latin-1. Raises InputError as
-    `read_obj` does.
+    `naming.distinct_names` tells them apart. Names that aren't UTF-8 are read as Latin-1. `packed` is the content of a
+    file that lies in an archive. Raises InputError as `read_obj` does.
     """
-    content = _read(path)
+    content = _read(path, read_bounded(path) if packed is None else packed)
     owners = np.asarray(content.owners)
     objects, groups = _numbers([name for _, name, _ in content.names]), _numbers([group for *_, group in content.names])
     if len(np.unique(objects[owners])) > 1:
@@ -116,8 +116,8 @@ def _mesh(path: Path, content: _Content, chosen: Int[ndarray, " p"]) -> Mesh:
     return triangulated(vertices, Polygons(corners, counts), lambda i: f"{path}, line {lines[i]}")
 
 
-def _read(path: Path) -> _Content:
-    content, text = _Content(), plain_text(read_bounded(path), str(path))
+def _read(path: Path, raw: bytes) -> _Content:
+    content, text = _Content(), plain_text(raw, str(path))
     done, at = 0, 1
     for run in RUN.finditer(text):
         # A line continued by the run's first one belongs to it. A run that can't be read is read by statements, so that

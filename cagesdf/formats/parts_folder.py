@@ -1,5 +1,6 @@
 """Plain part meshes: a folder with one file a part, or one file whose groups or scene nodes are the parts.
 
+A folder with a single mesh file, as models are downloaded, is that file.
 Parts are assembled in place, in any unit. Nothing tells how they belong together, so the
 structure is flat; labels are the letters in the parts' names ("left_leg_2" is "left leg").
 """
@@ -7,6 +8,7 @@ structure is flat; labels are the letters in the parts' names ("left_leg_2" is "
 import os
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +23,15 @@ from cagesdf.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", *gltf.SUFFIXES)
-SCENE_SUFFIXES = (".obj", *gltf.SUFFIXES)  # files that can hold several named parts
+# Mesh formats by their suffix: each reads the named meshes of a file, its groups, solids, or nodes where they are
+# placed. Names may be equal or "".
+READERS: dict[str, Callable[[Path], list[tuple[str, Mesh]]]] = {
+    ".obj": read_obj_groups,
+    ".ply": lambda path: [("", read_ply(path))],
+    ".stl": read_stl,
+    **dict.fromkeys(gltf.SUFFIXES, gltf.read_gltf),
+}
+MESH_SUFFIXES = tuple(READERS)
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -34,7 +43,8 @@ def part_files(folder: Path) -> list[Path]:
 def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     """One shape from a folder with a mesh file for each part; part ids are the files' names without extension.
 
-    Raises InputError if there is no mesh file, two have the same name, or one can't be read.
+    The groups or nodes of a single file are its parts, as `read_parts_file` has them. Raises InputError if there is no
+    mesh file, two have the same name, or one can't be read.
     """
     files = part_files(folder)
     if not files:
@@ -44,7 +54,12 @@ def read_parts_folder(folder: Path, shape_id: str, split: str) -> RawShape:
     if twice is not None:
         rivals = [path.name for path, name in zip(files, names) if name == twice]
         raise InputError(f"{folder}: {ambiguity(rivals, twice)}")
-    return flat_shape(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
+    if len(files) > 1:
+        return flat_shape(shape_id, split, list(zip(names, map(_read_mesh, files), strict=True)))
+    shape = read_parts_file(files[0], shape_id, split)
+    if len(shape.parts) > 1:
+        return shape
+    return replace(flat_shape(shape_id, split, [(names[0], shape.parts[0].mesh)]), whole=True)
 
 
 def read_parts_file(path: Path, shape_id: str, split: str) -> RawShape:
@@ -87,13 +102,4 @@ def _read_mesh(path: Path) -> Mesh:
 
 
 def _read_scene(path: Path) -> list[tuple[str, Mesh]]:
-    """The named meshes of a file: groups, solids, or nodes where they are placed. Names may be equal or ""."""
-    match path.suffix.lower():
-        case ".obj":
-            return read_obj_groups(path)
-        case ".ply":
-            return [("", read_ply(path))]
-        case ".stl":
-            return read_stl(path)
-        case _:
-            return gltf.read_gltf(path)
+    return READERS[path.suffix.lower()](path)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from cagesdf.evaluation.tables import PROGRESS as METRICS
+from cagesdf.evaluation.metrics import PROGRESS as METRICS
 from cagesdf.io.metadata import Column, Layout, read_block
 from cagesdf.io.scores import MEANINGS
 

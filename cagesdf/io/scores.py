@@ -6,21 +6,18 @@ from typing import Any
 
 import pyarrow as pa
 
-from cagesdf.evaluation.reconstruction import OWN
+from cagesdf.evaluation.metrics import METRICS
 from cagesdf.io.metadata import Column, Layout, read_block
 
 KIND = "scores"
-PERCENT = "% of the longest side of the true bounding box"
+SEEN = {
+    "own cuboids": ", the true parts having followed their own cuboids alone",
+    "detail": ", of the detail alone; NaN where there is none",
+}
 MEANINGS = {
-    "surface_distance": f"mean exact distance to the other surface, mean of both directions, {PERCENT}",
-    "accuracy": f"the same from the predicted surface to the true one, {PERCENT}",
-    "completeness": f"the same from the true surface to the predicted one, {PERCENT}",
-    "cd_deepsdf": "mean squared distance to the nearest sampled point, sum of both directions, canonical units squared",
-    "cd_l1": "mean distance to the nearest sampled point, mean of both directions, canonical units",
-    "f1": "harmonic mean of the shares of points within 1 % of the longest side of the other surface",
-    "f2": "the same within 2 %",
-    "nc": "mean |cosine| between normals at nearest points, mean of both directions",
-    "nc_signed": "the same with its sign",
+    key: metric.meaning + (f", {metric.unit}" if metric.unit else "") + SEEN.get(variant, "")
+    for metric in METRICS
+    for key, variant in metric.variants.items()
 }
 SCORES = Layout(
     "scores",
@@ -32,18 +29,6 @@ SCORES = Layout(
         Column("held_out", pa.bool_(), "the step was kept from training"),
         Column("seed", pa.int32(), "of the sampled points"),
         *(Column(name, pa.float64(), meaning) for name, meaning in MEANINGS.items()),
-        Column("iou", pa.float64(), "volume of the intersection over volume of the union"),
-        Column("closed", pa.float64(), "1 if the surface has no hole and one orientation"),
-        Column("same_components", pa.float64(), "1 if it has as many closed pieces as the true one"),
-        Column("same_genus", pa.float64(), "1 if it has as many handles as the true one"),
-        *(
-            Column(own, pa.float64(), f"{name}, the true parts having followed their own cuboids alone")
-            for name, own in OWN.items()
-        ),
-        *(
-            Column(f"{name}_detail", pa.float64(), f"{name} of the detail alone; NaN where there is none")
-            for name in MEANINGS
-        ),
         Column("detail_share", pa.float64(), "share of the true surface that is detail: away from the cage's surface"),
     ),
 )

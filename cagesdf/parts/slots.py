@@ -55,8 +55,8 @@ def _labelled(shape: Shape, slots: list[_Slot]) -> Shape:
     for group, slot in zip(groups, _assigned(means, slots)):
         labels |= {unlabelled[i].part_id: slot.label for i in group}
     parts = tuple(replace(part, label=labels.get(part.part_id, part.label)) for part in shape.parts)
-    structure = PartHierarchy.flat(tuple(p.part_id for p in parts), tuple(p.label for p in parts), "")
-    return replace(shape, parts=parts, structure=structure)
+    bare = PartHierarchy.flat(tuple(p.part_id for p in parts), tuple(p.label for p in parts), "")
+    return replace(shape, parts=parts, structure=bare.with_relations(shape.structure.relations()))
 
 
 def _places(shape: Shape, parts: list[Part]) -> Float[ndarray, "p 6"]:

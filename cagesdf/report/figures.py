@@ -1,58 +1,14 @@
-"""What stands in the page's tables: metrics, arms, the paper's figures, and how numbers are written."""
+"""What stands in the page's tables: edits, arms, the paper's figures, and how numbers are written."""
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cagesdf.evaluation.metrics import OF_KEY
+
 Figures = Mapping[str, Mapping[str, Any]]  # metric → mean, std, n
 Table = Mapping[str, Mapping[str, Figures]]  # category → arm → figures
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One column of figures."""
-
-    key: str  # in the tables; with `_detail`: over the true surface that leaves its cage
-    title: str
-    higher: bool  # whether more is better
-    definition: str
-
-
-METRICS = (
-    Metric(
-        "surface_distance", "distance, %", False,
-        "mean exact distance from points on either surface to the other, the mean of both directions, in % of the "
-        "longest side of the true shape's bounding box. Zero is perfect.",
-    ),
-    Metric(
-        "surface_distance_own", "own cuboids, %", False,
-        "the same, the true parts having followed their own cuboids alone, as the part model is taught.",
-    ),
-    Metric(
-        "cd_deepsdf", "Chamfer", False,
-        "as DeepSDF and the paper have it: mean squared distance to the nearest sampled point, both directions summed. "
-        "Sampling alone makes it larger than zero; the true surface against itself shows how much.",
-    ),
-    Metric(
-        "cd_l1", "Chamfer-L1", False,
-        "mean distance to the nearest sampled point, not squared, mean of both directions.",
-    ),
-    Metric("f1", "F 1 %", True, "F-score: harmonic mean of the shares of points nearer than 1 % of the longest side."),
-    Metric("f2", "F 2 %", True, "the same with 2 %."),
-    Metric("nc", "normals", True, "normal consistency: mean |cosine| between the normals of nearest points."),
-    Metric("nc_signed", "normals, signed", True, "the same with the sign: inside-out surfaces count as wrong."),
-    Metric("iou", "IoU", True, "volume of the intersection over volume of the union."),
-    Metric("closed", "closed", True, "share of the surfaces without holes, consistently oriented."),
-    Metric(
-        "same_components", "pieces", True,
-        "share of the surfaces with as many closed pieces, shells of cavities too, as the true one.",
-    ),
-    Metric(
-        "same_genus", "handles", True,
-        "share of the surfaces with as many handles (genus, summed over the pieces) as the true one.",
-    ),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -111,7 +67,6 @@ EDITS = (
 )  # fmt: skip
 NIL = 1e-9  # smaller figures are rounding errors
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-METRIC = {metric.key: metric for metric in METRICS}
 
 # In the order they are shown; others follow by name.
 ARMS = {
@@ -182,7 +137,7 @@ def rows(table: Table, arms: Iterable[str], columns: Iterable[tuple[str, str]], 
     for i, (_, metric) in enumerate(columns):
         items = [line[i] for line in values.values()]
         means = [item["mean"] for item in items if item and item["mean"] is not None]
-        choose = max if METRIC[metric.removesuffix("_detail")].higher else min
+        choose = max if OF_KEY[metric].higher else min
         best.append(choose(means) if ranked and len(set(means)) > 1 else None)
     return [
         Row(

@@ -10,6 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image as Pillow
 
+from cagesdf.evaluation.metrics import METRICS, OF_KEY
 from cagesdf.rendering import Image, render_rows
 from cagesdf.report import figures, table3
 from cagesdf.report.chart import Curve, log_chart
@@ -69,7 +70,7 @@ def write_page(
             for name, values in figures.PAPER_RECONSTRUCTION.items()
         ],
         paper_held_out=[(name, figures.figure(value)) for name, value in figures.PAPER_HELD_OUT.items()],
-        metrics=figures.METRICS,
+        metrics=METRICS,
         edits_columns=figures.EDITS,
         generation_columns=table3.COLUMNS,
         generation=_generation(tables["table3"], names),
@@ -106,10 +107,10 @@ def _details(table: figures.Table, name: str) -> dict[str, Any]:
     """All figures of one category."""
     arms = table.get(name, {})
     present = {metric for line in arms.values() for metric in line}
-    keys = [key for metric in figures.METRICS for key in (metric.key, f"{metric.key}_detail") if key in present]
-    columns = [(name, key) for key in keys]
+    shown = {key: variant for metric in METRICS for key, variant in metric.variants.items() if key in present}
+    columns = [(name, key) for key in shown]
     return {
-        "columns": [(figures.METRIC[key.removesuffix("_detail")], key.endswith("_detail")) for key in keys],
+        "columns": [(OF_KEY[key], variant) for key, variant in shown.items()],
         "arms": figures.rows(table, figures.in_order(arms), columns, ranked=True),
         "references": figures.rows(table, figures.REFERENCES, columns, ranked=False),
         "count": max((figure["n"] for line in arms.values() for figure in line.values()), default=0),

@@ -1,8 +1,8 @@
-"""The tables of the default run as Markdown: docs/results.md, and the README's table.
+"""Tables as Markdown: docs/results.md and the README's of the default run, and the metrics' in docs/metrics.md.
 
-    python -m cagesdf.report.results data/metrics/tables.json docs/results.md README.md
+    python -m cagesdf.report.results data/metrics/tables.json docs/results.md README.md docs/metrics.md
 
-The README's table stands between two comments and is replaced there.
+Those of the README and of docs/metrics.md stand between two comments and are replaced there.
 """
 
 import json
@@ -14,11 +14,13 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from cagesdf.evaluation.metrics import METRICS
 from cagesdf.report.figures import PAPER_HELD_OUT, PAPER_RECONSTRUCTION, in_order
 
 Tables = Mapping[str, Any]  # data/metrics/tables.json
 Cells = Iterable[Sequence[str]]
 BLOCK = re.compile(r"(?<=<!-- results -->\n).*?(?=<!-- end of results -->)", re.DOTALL)
+METRICS_BLOCK = re.compile(r"(?<=<!-- metrics -->\n).*?(?=<!-- end of metrics -->)", re.DOTALL)
 SHOWN = ("cagesdf", "cagesdf_global", "cagesdf_global_noaug", "deepsdf", "deepsdf_sine", "cage")  # in the README
 
 
@@ -58,9 +60,27 @@ def readme_table(tables: Tables) -> str:
 
 def with_readme_table(readme: str, tables: Tables) -> str:
     """A README with the table of these figures between its two comments. Raises ValueError where there are none."""
-    text, count = BLOCK.subn(readme_table(tables).replace("\\", r"\\") + "\n", readme)
+    return _with_block(readme, BLOCK, readme_table(tables))
+
+
+def with_metrics(page: str) -> str:
+    """docs/metrics.md with the table of all metrics. Raises ValueError as `with_readme_table`."""
+    rows = [
+        [
+            ", ".join(f"`{key}`" for key, variant in metric.variants.items() if variant != "detail"),
+            metric.meaning.replace("|", "\\|"),
+            metric.unit or "–",
+            "more" if metric.higher else "less",
+        ]
+        for metric in METRICS
+    ]
+    return _with_block(page, METRICS_BLOCK, markdown(["name", "definition", "unit", "better"], rows))
+
+
+def _with_block(text: str, block: re.Pattern[str], table: str) -> str:
+    text, count = block.subn(lambda _: table + "\n", text)
     if count != 1:
-        raise ValueError(f"wanted one pair of comments around the results, got {count}")
+        raise ValueError(f"wanted one pair of comments around the table, got {count}")
     return text
 
 
@@ -178,11 +198,12 @@ def _categories(tables: Tables) -> list[str]:
     return sorted(tables["table1"])
 
 
-def main(tables: Path, page: Path, readme: Path) -> None:
-    """Write the page, and the README's table."""
+def main(tables: Path, page: Path, readme: Path, metrics: Path) -> None:
+    """Write the page, the README's table, and that of the metrics."""
     figures = json.loads(tables.read_text(encoding="utf-8"))
     _replace(page, lambda _: results_page(figures))
     _replace(readme, lambda text: with_readme_table(text, figures))
+    _replace(metrics, with_metrics)
 
 
 def _replace(path: Path, change: Callable[[str], str]) -> None:

@@ -55,6 +55,17 @@ class Structure(ABC):
         """
         raise ValueError(f"the cuboids of {type(self).__name__} follow from its program; change that")
 
+    def is_bare(self) -> bool:
+        """Whether it tells nothing of its parts but ids and labels, so that relations may be looked for."""
+        return False
+
+    def with_relations(self, relations: tuple[Relation, ...]) -> "Structure":
+        """The structure with relations that were found between its parts; they don't count in signatures.
+
+        Raises ValueError where it isn't bare.
+        """
+        raise ValueError(f"{type(self).__name__} tells its parts' relations itself")
+
     @abstractmethod
     def signatures(self) -> dict[str, str]:
         """By node id, a text that two subtrees share if they are equal up to continuous parameters (§3.3)."""

@@ -45,6 +45,7 @@ class PartHierarchy(Structure):
     """A tree whose leaves are the parts."""
 
     tree: Node
+    found: bool = False  # relations were found in the parts' surfaces: they come and go with proportions
 
     @staticmethod
     def flat(part_ids: tuple[str, ...], labels: tuple[str, ...], category: str) -> "PartHierarchy":
@@ -101,7 +102,17 @@ class PartHierarchy(Structure):
                 cuboid=node.cuboid and node.cuboid.transformed(similarity),
             )
 
-        return PartHierarchy(renew(self.tree))
+        return replace(self, tree=renew(self.tree))
+
+    def is_bare(self) -> bool:
+        """Whether it is a root with the parts below it, of whose relations nothing is told."""
+        return not self.tree.relations and not any(child.children for child in self.tree.children)
+
+    def with_relations(self, relations: tuple[Relation, ...]) -> "PartHierarchy":
+        """The tree with relations that were found between its parts. Raises ValueError where it isn't bare."""
+        if not self.is_bare():
+            raise ValueError("the hierarchy tells its parts' relations itself")
+        return PartHierarchy(replace(self.tree, relations=relations), found=True)
 
     def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "PartHierarchy":
         """The same tree around other cuboids, by part id; planes, ways and pivots are those between their centres."""
@@ -118,13 +129,13 @@ class PartHierarchy(Structure):
                 cuboid=cuboids.get(node.node_id),
             )
 
-        return PartHierarchy(renew(self.tree))
+        return replace(self, tree=renew(self.tree))
 
     def signatures(self) -> dict[str, str]:
         """By node id: labels, nesting and counts of the subtree, and which siblings are related how.
 
-        Siblings are sorted by their own signature, so their order in the file doesn't matter;
-        adjacency, which comes and goes with proportions, is left out.
+        Siblings are sorted by their own signature, so their order in the file doesn't matter; what comes and goes with
+        proportions is left out: adjacency, and relations that were found.
         """
 
         signatures: dict[str, str] = {}
@@ -134,7 +145,7 @@ class PartHierarchy(Structure):
             pairs = sorted(
                 f"{type(r).__name__[:3]}({'~'.join(sorted((signatures[r.a], signatures[r.b])))})"
                 for r in node.relations
-                if not isinstance(r, Adjacency)
+                if not (self.found or isinstance(r, Adjacency))
             )
             signatures[node.node_id] = (
                 node.label + (f"[{inside}]" if node.children else "") + (f"{{{','.join(pairs)}}}" if pairs else "")
@@ -145,7 +156,7 @@ class PartHierarchy(Structure):
         return signatures
 
     def to_dict(self) -> dict[str, Any]:
-        """The tree as StructureNet's JSON object."""
+        """The tree as StructureNet's JSON object; `found` stands beside it if it is true."""
 
         def write(node: Node) -> dict[str, Any]:
             entry: dict[str, Any] = {"id": node.node_id, "label": node.label}
@@ -160,7 +171,7 @@ class PartHierarchy(Structure):
                 entry["edges"] = [_write_relation(relation, place) for relation in node.relations]
             return entry
 
-        return write(self.tree)
+        return write(self.tree) | ({"found": True} if self.found else {})
 
     def to_json(self) -> str:
         """StructureNet's JSON on one line, keys sorted."""
@@ -198,7 +209,7 @@ class PartHierarchy(Structure):
             relations = tuple(_read_relation(edge, children, path or "root") for edge in _list(entry, "edges", path))
             return Node(node_id, str(entry.get("label", "")), children, relations, _read_box(entry.get("box"), path))
 
-        return PartHierarchy(read(entry, "", 0))
+        return PartHierarchy(read(entry, "", 0), found=entry.get("found") is True)
 
 
 def _list(entry: Mapping[str, Any], name: str, path: str) -> list[Any]:
