@@ -56,7 +56,7 @@ ALLOWED = {
     | {"seeds", "editing", "extraction", "generation", "generating", "inference"}
     | {"formats", "importing", "io", "rendering", "demo"},
     "viewing": RECORDS
-    | {"editing", "generation", "generating", "inference", "formats", "io", "extraction", "rendering"},
+    | {"distance", "editing", "generation", "generating", "inference", "formats", "io", "extraction", "rendering"},
     "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
 }
 TORCH = {
