@@ -133,6 +133,12 @@ class EditorPage:
         self.page.get_by_role("button", name=re.compile(rf"^(▸ )?{re.escape(part)}$")).click()
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
+    def click_nothing(self) -> None:
+        """In the corner of the view that neither the shape nor a notice reaches."""
+        box = self.page.locator("canvas").first.bounding_box()
+        assert box is not None
+        self.page.mouse.click(box["x"] + 20, box["y"] + box["height"] - 20)
+
     def drawn(self, frames: int = 3) -> None:
         """Wait until the scene was drawn so many times: what came meanwhile is in it, and the mouse meets it."""
         self.page.evaluate(

@@ -101,7 +101,7 @@ def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: 
     for part in (*behind, behind[0]):
         page.page.mouse.click(*at)
         page.until(lambda part=part: page.status == f"selected: {names[part]}", f"{names[part]} selected")
-    page.page.mouse.click(5, 5)
+    page.click_nothing()
     page.until(lambda: page.status == "selected: nothing", "nothing selected")
     page.select(names[behind[1]])
     page.page.keyboard.down("Shift")
