@@ -134,10 +134,12 @@ class EditorPage:
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
     def click_nothing(self) -> None:
-        """In the corner of the view that neither the shape nor a notice reaches."""
-        box = self.page.locator("canvas").first.bounding_box()
-        assert box is not None
-        self.page.mouse.click(box["x"] + 20, box["y"] + box["height"] - 20)
+        """In the lower left corner of what is seen of the view, which neither the shape nor a notice reaches."""
+        at = self.page.evaluate(
+            "() => { const y = innerHeight - 20; let x = 0;"
+            " while (document.elementFromPoint(x, y)?.tagName !== 'CANVAS') x += 5; return [x + 20, y] }"
+        )
+        self.page.mouse.click(*at)
 
     def drawn(self, frames: int = 3) -> None:
         """Wait until the scene was drawn so many times: what came meanwhile is in it, and the mouse meets it."""

@@ -99,6 +99,7 @@ def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: 
     aim, behind = _clear_of_gizmos(state.cage, camera)
     at = page.pixel(aim, camera)
     for part in (*behind, behind[0]):
+        page.drawn(10)
         page.page.mouse.click(*at)
         page.until(lambda part=part: page.status == f"selected: {names[part]}", f"{names[part]} selected")
     page.click_nothing()
@@ -111,13 +112,16 @@ def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: 
 
 
 def _clear_of_gizmos(cage: Cage, camera: Camera) -> tuple[np.ndarray, tuple[str, ...]]:
-    """A point on a way through two cuboids, far from the gizmos of both."""
+    """A point on a way through two cuboids, far from the gizmos of both, and some pixels from the cuboids' edges."""
     for aim in np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3)):
         way = (aim - camera.position) / np.linalg.norm(aim - camera.position)
         behind = along(cage, camera.position, way)
         if len(behind) == 2:
             near = [(cage[part].centre, 1.2 * GIZMO_PIXELS * camera.pixel_at(cage[part].centre)) for part in behind]
-            if all(np.linalg.norm(np.cross(place - camera.position, way)) > radius for place, radius in near):
+            beside = 4 * camera.pixel_at(aim) * np.concatenate([np.eye(3), -np.eye(3)])
+            if all(np.linalg.norm(np.cross(place - camera.position, way)) > radius for place, radius in near) and all(
+                along(cage, camera.position, way_beside) == behind for way_beside in aim + beside - camera.position
+            ):
                 return aim, behind
     raise AssertionError("gizmos and handles are everywhere")
 
