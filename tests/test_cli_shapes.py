@@ -46,24 +46,26 @@ def test_they_import_as_the_pipeline_does_with_own_data() -> None:
     assert {name: params[name] for name in sources.IMPORT} == sources.IMPORT
 
 
+SINGLE = "parts found, 1: the file has a single group"
+
+
 def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command: Command, tmp_path: Path) -> None:
     write_shapes(tmp_path)
     assert command.complaint("check", tmp_path) == "cagesdf: 1 of 3 shapes rejected"
     lines = command.capsys.readouterr().out.splitlines()
     assert lines[0].startswith("bad: rejected: ")
     assert "seat.obj, line 2" in lines[0]
-    assert lines[1:] == ["holed: repaired 1 capped of 2 parts", "sound: passed"]
+    assert lines[1:] == ["holed: repaired 1 capped of 2 parts", f"sound: passed; {SINGLE}"]
 
 
 def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command, tmp_path: Path) -> None:
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
     out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
-    told = "parts found, 1: the file has a single group"
-    assert out.splitlines() == [f"one: passed; {told}", f"seat: passed; {told}"]
+    assert out.splitlines() == [f"one: passed; {SINGLE}", f"seat: passed; {SINGLE}"]
     assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
         "holed: repaired 1 capped of 2 parts",
-        "sound: passed",
+        f"sound: passed; {SINGLE}",
     ]
 
 
@@ -73,8 +75,7 @@ def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: C
     lines = command("check", tmp_path).splitlines()
     assert lines[0].startswith("not read: c.off; ")
     assert lines[1].startswith("each mesh file is a shape; ")
-    told = "parts found, 1: the file has a single group"
-    assert lines[2:] == [f"a: passed; {told}", f"b: repaired 1 merged of 1 parts; {told}"]
+    assert lines[2:] == [f"a: passed; {SINGLE}", f"b: repaired 1 merged of 1 parts; {SINGLE}"]
 
 
 def test_parts_writes_a_file_that_an_import_prefers_and_a_picture(command: Command, tmp_path: Path) -> None:

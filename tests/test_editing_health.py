@@ -41,9 +41,10 @@ def test_a_board_is_as_thick_as_it_is_and_holds_with_the_resolution_that_is_reco
     health = Health.of(surface, state, resolution)
     assert health.thinnest == "board"
     assert health.thickness == pytest.approx(thickness / (1 + 2 * thickness / 0.6))  # the rims are area, too
-    # A lattice has whole cells.
-    step = min(2 * HALF_EXTENT / resolution, 0.5 / 16)
-    assert 0.85 * thickness / step < health.cells < 1.1 * thickness / step
+    # In steps of a lattice, which has whole cells and at least 16 along each axis; the rims are area there, too.
+    wide, deep = (max(16, length * resolution / (2 * HALF_EXTENT)) for length in (0.6, 0.5))
+    steps = thickness / 0.5 * deep
+    assert health.cells == pytest.approx(steps / (1 + 2 * steps / wide), rel=0.07)
     if health.resolution:
         assert Health.of(surface, state, health.resolution).cells >= HELD
         assert Health.of(surface, state, health.resolution - STEP).cells < HELD

@@ -396,13 +396,14 @@ def test_a_file_is_a_shape_and_a_file_in_a_folder_is_a_part(tmp_path: Path, suff
     content = file.glb() if suffix == ".glb" else file.text(f"data:;base64,{encoded}").encode()
     (tmp_path / "chair").mkdir()
     as_file(content, tmp_path, f"desk{suffix}")
-    as_file(content, tmp_path / "chair", f"seat{suffix}")
+    for part in ("seat", "stand"):
+        as_file(content, tmp_path / "chair", f"{part}{suffix}")
     whole = find_shape(tmp_path / f"desk{suffix}")
     assert [part.part_id for part in read_shape(whole).parts] == ["hind", "seat", "seat_2", "Leg", "Leg_2"]
     assert [part.label for part in read_shape(whole).parts] == ["hind", "seat", "seat", "leg", "leg"]
     folder = find_shape(tmp_path / "chair")
-    (part,) = read_shape(folder).parts
-    assert part.part_id == "seat"
+    part, other = read_shape(folder).parts
+    assert (part.part_id, other.part_id) == ("seat", "stand")
     assert face_areas(part.mesh).sum() == pytest.approx(sum(face_areas(p.mesh).sum() for p in read_shape(whole).parts))
 
 

@@ -217,7 +217,7 @@ def test_runs_of_lines_are_read_as_one_line_at_a_time(tmp_path: Path, lines: lis
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(obj, "RUN", runs)
             try:
-                return obj._read(path)
+                return obj._read(path, path.read_bytes())
             except InputError as error:
                 return str(error)
 
