@@ -83,7 +83,7 @@ def main() -> None:
     with serving({"demo": run}, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
         with tempfile.TemporaryDirectory() as folder:
-            page = EditorPage(browser.new_page(viewport={"width": 1000, "height": 640}), editor.address, Path(folder))
+            page = EditorPage(browser.new_page(viewport={"width": 1280, "height": 800}), editor.address, Path(folder))
             if page.value("Shape") != shape:
                 before = page.settled()
                 page.choose("Shape", shape)
@@ -96,8 +96,8 @@ def main() -> None:
             camera = Camera(np.array(client.position), np.array(client.look_at), client.fov, client.image_height)
             canvas = page.page.locator("canvas").first.bounding_box()
             assert canvas is not None
-            width, height = canvas["width"], canvas["height"]
-            crop = FloatRect(x=0.2 * width, y=0.1 * height, width=0.55 * width, height=0.75 * height)
+            x, y, width, height = (canvas[key] for key in ("x", "y", "width", "height"))
+            crop = FloatRect(x=x + 0.05 * width, y=y + 0.05 * height, width=0.9 * width, height=0.9 * height)
             pictures = frames(page, camera, state.cage[part], crop)
         browser.close()
     first, *others = [picture.quantize(COLOURS, dither=Image.Dither.NONE) for picture in pictures]
