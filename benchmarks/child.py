@@ -16,7 +16,7 @@ PATIENCE = 20  # seconds
 
 
 def ask(script: str, *arguments: object) -> dict[str, Any] | str:
-    """What a script of this folder prints as JSON in its last line when called so; or the last line of its error."""
+    """The JSON object in the last line that a script of this folder prints; or the last line of its error."""
     threads = dict.fromkeys(("IGL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     command = [sys.executable, "-m", f"benchmarks.{Path(script).stem}", *map(str, arguments)]
     try:

@@ -26,7 +26,7 @@ class Pull:
     """A change of a neighbour, as a cuboid that is attached to it feels it."""
 
     axis: int  # of the cuboid, along which the attached face looks
-    side: int  # -1 or 1: which way it looks
+    side: int  # -1 or 1: along the axis or against it
     displacement: Float[ndarray, " 3"]  # of the neighbour's material in the middle of the contact, canonical
 
 
@@ -121,8 +121,8 @@ def _pulled(cuboid: Cuboid, pulls: Sequence[Pull]) -> Cuboid:
     for axis in sorted({axis for axis, _ in mean}):
         low, high = (mean.get((axis, side)) for side in (-1, 1))
         if _is_board(cuboid, axis):
-            way = np.mean([end for end in (low, high) if end is not None], axis=0)
-            cuboid = replace(cuboid, centre=cuboid.centre + way)
+            displacement = np.mean([end for end in (low, high) if end is not None], axis=0)
+            cuboid = replace(cuboid, centre=cuboid.centre + displacement)
         else:
             cuboid = _between(cuboid, axis, low, high)
     return cuboid
@@ -146,7 +146,7 @@ def _between(cuboid: Cuboid, axis: int, low: Float[ndarray, " 3"] | None, high: 
 
 
 def _turned(axes: Float[ndarray, "3 3"], axis: int, direction: Float[ndarray, " 3"]) -> Float[ndarray, "3 3"]:
-    """Axes turned the shortest way so that one of them has a direction."""
+    """Axes turned by the least angle so that one of them has a direction."""
     normal = np.cross(axes[axis], direction)
     sine = float(np.linalg.norm(normal))
     if sine < 1e-12:

@@ -22,7 +22,7 @@ STEP = 16  # cells, between recommended resolutions
 
 @dataclass(frozen=True)
 class Health:
-    """What is to be known of a surface before it is used."""
+    """Topology and thinnest part of a surface, and the resolution that would hold that part."""
 
     closed: bool
     components: int  # of the surface
@@ -66,23 +66,23 @@ class Health:
 
     def warnings(self) -> tuple[str, ...]:
         """Sentences about what doesn't hold; none for a surface that does."""
-        found = []
+        sentences = []
         if self.torn:
-            found.append(
+            sentences.append(
                 f"{', '.join(self.torn)}: in pieces, or without a surface; another style or thicker cuboids help"
             )
         if self.components > self.expected:
-            found.append(f"the surface is in {self.components} pieces where its cuboids are in {self.expected}")
+            sentences.append(f"the surface is in {self.components} pieces where its cuboids are in {self.expected}")
         if self.thinnest and self.cells < HELD:
             cure = (
                 f"{self.resolution} cells would hold it"
                 if self.resolution
                 else f"more than {FINEST} cells would be needed; make it thicker"
             )
-            found.append(
+            sentences.append(
                 f"{self.thinnest} is {self.thickness:.3g} thick, {self.cells:.1f} cells; wanted {HELD:g}: {cure}"
             )
-        return tuple(found)
+        return tuple(sentences)
 
 
 def _cells(mesh: Mesh, cuboid: Cuboid, resolution: int, fineness: Fineness) -> float:

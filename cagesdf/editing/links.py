@@ -168,24 +168,24 @@ def alike(state: State) -> Links:
     Structures don't say it of a chair's front and back legs. Parts that mirror each other are left out.
     """
     labels, cage, related = state.structure.labels(), state.seen_by_part(), mirrors(state)
-    found: Links = {part: {} for part in cage.part_ids}
+    links: Links = {part: {} for part in cage.part_ids}
     for a, b in combinations(cage.part_ids, 2):
         if labels[a] and labels[a] == labels[b] and b not in related[a]:
             link = _onto(cage[a], cage[b])
             if link is not None:
-                found[a][b], found[b][a] = link, link.inverse()
-    return found
+                links[a][b], links[b][a] = link, link.inverse()
+    return links
 
 
 def _onto(a: Cuboid, b: Cuboid) -> Mirror | Motion | None:
     """The translation, or the mirror between them, that takes a cuboid onto another one; None where neither does."""
-    way = b.centre - a.centre
-    distance = float(np.linalg.norm(way))
+    translation = b.centre - a.centre
+    distance = float(np.linalg.norm(translation))
     if not distance > ALIKE * a.size.max():
         return None
-    mirror = Mirror((a.centre + b.centre) / 2, way / distance)
+    mirror = Mirror((a.centre + b.centre) / 2, translation / distance)
     corners, others = (Cage.of({"": cuboid}).corners()[0] for cuboid in (a, b))
-    for link in (Motion(np.eye(3), way), mirror):
+    for link in (Motion(np.eye(3), translation), mirror):
         images = np.array([link(corner) for corner in corners])
         if np.linalg.norm(images[:, None] - others, axis=2).min(axis=1).max() <= ALIKE * a.size.max():
             return link

@@ -33,8 +33,8 @@ def added(state: State, operation: Add) -> State:
     part = free_name(operation.name, {*labels, *labels.values(), *part_names(state.structure).values()})
     if len(state.cage) == MAX_PARTS:
         raise InputError(f"it makes {MAX_PARTS + 1:,} parts; wanted at most {MAX_PARTS:,}")
-    own = {name: labels[name] for name in state.cage.part_ids} | {part: operation.name}
-    hierarchy = PartHierarchy.flat(tuple(own), tuple(own.values()), "")
+    label_of = {name: labels[name] for name in state.cage.part_ids} | {part: operation.name}
+    hierarchy = PartHierarchy.flat(tuple(label_of), tuple(label_of.values()), "")
     styles = state.part_styles.get(like)
     return replace(
         state,
