@@ -57,6 +57,9 @@ NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no 
 ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
 OFFSET = 0.002  # canonical units: from a sheet to its wrap
 TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
+# Canonical units: the thickness of a part of nothing but sheets, 5 mm of a chair. Half of it is less than a cell at 256
+# of them, where a plate of 2 TIGHT would be torn however well it was learnt.
+SHEET = 0.012
 FLAT = 2e-5  # canonical units: a region is flat if its vertices lie within so much along its normal
 CREASE = 30.0  # degrees; sharper edges end a smooth region
 SLIVER = 1e-12  # squared canonical units: a face with less area is none
@@ -75,7 +78,7 @@ class Solid:
     mesh: Mesh  # closed, outward, in the frame of what it was made from
     method: str  # the last of METHODS that was needed
     dropped: int  # pieces left out: sheets that the rest represents, specks
-    plates: int  # sheets that were given a thickness of 2 TIGHT
+    plates: int  # sheets that were given a thickness: 2 TIGHT beside something solid, SHEET alone
     lost: float = 0.0  # share of the area of what it was made from that lies outside, more than REACH from it
 
 
@@ -173,8 +176,8 @@ def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> Solid:
 
     `mesh` and the lengths are canonical. Vertices nearer than `tolerance` are one; a piece whose
     `thickness` is below `min_thickness` is a sheet. Sheets that the rest of the part represents
-    (within NEAR) are dropped, and specks are; others become plates 2 TIGHT thick. A mesh that is
-    closed and outward comes back as it is.
+    (within NEAR) are dropped, and specks are; others become plates 2 TIGHT thick, or SHEET where the part
+    is hardly anything else. A mesh that is closed and outward comes back as it is.
 
     Raises NotSolidError if the mesh has no faces or no area, has vertices that aren't finite, is
     thinner than `min_thickness` even when closed, or exceeds what a step may take; InputError if
@@ -193,6 +196,8 @@ def make_solid(mesh: Mesh, tolerance: float, min_thickness: float) -> Solid:
     solid = _as_a_whole(mesh, welded, min_thickness) or _in_pieces(welded, min_thickness)
     if _runs_into_itself(solid.mesh):
         solid = replace(solid, mesh=untangle(solid.mesh), method="untangled")
+    if solid.plates and thickness(solid.mesh) < SHEET / 2:
+        solid = replace(solid, mesh=union([solid.mesh, wrap(welded, SHEET / 2)]))
     if solid.method not in KEEPING:
         solid = _completed(solid, mesh, tolerance)
     if signed_volume(solid.mesh) <= 0 or thickness(solid.mesh) < min_thickness:
@@ -422,23 +427,23 @@ def _fill(vertices: Float[ndarray, "v 3"], rims: list[Int[ndarray, " _"]]) -> In
     return np.concatenate(rims)[triangles].astype(np.int32)
 
 
-def wrap(mesh: Mesh) -> Mesh:
-    """A closed surface around any mesh, TIGHT away from it; sheets become plates twice as thick.
+def wrap(mesh: Mesh, away: float = TIGHT) -> Mesh:
+    """A closed surface around any mesh, `away` from it; sheets become plates twice as thick.
 
-    Flat regions become prisms, exact also where they meet. The rest gets CGAL's alpha wrap at OFFSET, each vertex drawn
-    towards its nearest point on the mesh: the wrap itself can't be made so near without millions of faces, and
-    fills the corners in which sheets meet. Canonical frame. Raises NotSolidError if the rest has more than MAX_FACES
-    faces or its wrap takes longer than SECONDS, InputError with the line that installs system libraries if they are
-    missing.
+    Flat regions become prisms, exact also where they meet. The rest gets CGAL's alpha wrap at OFFSET or more, each
+    vertex drawn towards its nearest point on the mesh: the wrap itself can't be made as near as TIGHT without
+    millions of faces, and fills the corners in which sheets meet. Canonical frame. Raises NotSolidError if the rest
+    has more than MAX_FACES faces or its wrap takes longer than SECONDS, InputError with the line that installs
+    system libraries if they are missing.
     """
     # Slivers lie in the regions beside them; CGAL crashes on a mesh of nothing else.
     regions = [region for region in _smooth_regions(mesh) if face_areas(region).max() > SLIVER]
-    prisms = [_prism(region) for region in regions] if len(regions) <= MAX_PRISMS else []
+    prisms = [_prism(region, away) for region in regions] if len(regions) <= MAX_PRISMS else []
     flat = [prism for prism in prisms if prism is not None]
     if not flat:
-        return _alpha_wrap(mesh)
+        return _alpha_wrap(mesh, away)
     rest = [region for region, prism in zip(regions, prisms) if prism is None]
-    return union([*flat, _alpha_wrap(join(rest))] if rest else flat)
+    return union([*flat, _alpha_wrap(join(rest), away)] if rest else flat)
 
 
 def _smooth_regions(mesh: Mesh) -> list[Mesh]:
@@ -458,8 +463,8 @@ def _smooth_regions(mesh: Mesh) -> list[Mesh]:
     return _split(oriented, connected_components(links, directed=False)[1].astype(np.int64))
 
 
-def _prism(region: Mesh) -> Mesh | None:
-    """A flat region with TIGHT on either side; None if it isn't flat, or touches itself in a vertex."""
+def _prism(region: Mesh, away: float) -> Mesh | None:
+    """A flat region with `away` on either side; None if it isn't flat, or touches itself in a vertex."""
     normal = face_normals(region).sum(0)
     normal /= max(float(np.linalg.norm(normal)), 1e-300)
     if not normal.any() or np.ptp(region.vertices @ normal) > FLAT:
@@ -469,22 +474,22 @@ def _prism(region: Mesh) -> Mesh | None:
     rim = ~np.isin(tail.astype(np.int64) * count + head, head.astype(np.int64) * count + tail)
     a, b = tail[rim], head[rim]
     sides = np.concatenate([np.stack([b, a, a + count], axis=1), np.stack([b, a + count, b + count], axis=1)])
-    vertices = np.concatenate([region.vertices + TIGHT * normal, region.vertices - TIGHT * normal])
+    vertices = np.concatenate([region.vertices + away * normal, region.vertices - away * normal])
     prism = Mesh(vertices, np.concatenate([faces, faces[:, ::-1] + count, sides]).astype(np.int32))
     return prism if is_closed(prism) and as_manifold(prism).status() == manifold3d.Error.NoError else None
 
 
-def _alpha_wrap(mesh: Mesh) -> Mesh:
+def _alpha_wrap(mesh: Mesh, away: float) -> Mesh:
     if len(mesh.faces) > MAX_FACES:
         raise NotSolidError(
             f"{len(mesh.faces):,} of its faces have no thickness, at most {MAX_FACES:,} get one; simplify it"
         )
-    vertices, faces = alpha_wrap(mesh.vertices, mesh.faces, ALPHA, OFFSET, SECONDS)
+    vertices, faces = alpha_wrap(mesh.vertices, mesh.faces, ALPHA, max(OFFSET, away), SECONDS)
     if len(faces) == 0:
         raise NotSolidError("nothing is left of it when a surface is stretched over it; export it again")
     distance, _, nearest = SurfaceDistance(mesh).closest(vertices)
-    reach = np.maximum(distance, TIGHT)[:, None]
-    return Mesh(nearest + (vertices - nearest) * (TIGHT / reach), faces.astype(np.int32))
+    reach = np.maximum(distance, away)[:, None]
+    return Mesh(nearest + (vertices - nearest) * (away / reach), faces.astype(np.int32))
 
 
 def _completed(solid: Solid, mesh: Mesh, tolerance: float) -> Solid:

@@ -13,10 +13,11 @@ import numpy as np
 import toy
 
 from cagesdf.distance import SurfaceDistance
+from cagesdf.frames import canonical_similarity
 from cagesdf.importing import import_shape, signed_distances
 from cagesdf.meshes import Mesh, compact, join, sample_surface
 from cagesdf.shape import RawPart, RawShape, Shape
-from cagesdf.solid import TIGHT, as_manifold, from_manifold, union
+from cagesdf.solid import SHEET, TIGHT, as_manifold, from_manifold, union
 from cagesdf.structure.hierarchy import PartHierarchy
 
 LIMITS: dict[str, Any] = {"up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4}
@@ -163,7 +164,9 @@ def cases() -> Iterator[Case]:
     coil = [loop(0, 4), loop(3.5, 7)]
     yield Case("self-intersecting", coil, [loop(0, 7)])
 
-    panel = toy.box([0, 1.4, -0.4], [0.8, 0.6, 2 * TIGHT])
+    middle_plane = sheet(toy.box([0, 1.4, -0.4], [0.8, 0.6, 0]), 2)
+    scale = canonical_similarity(join([*clean, middle_plane]).vertices, LIMITS["up"]).scale
+    panel = toy.box([0, 1.4, -0.4], [0.8, 0.6, SHEET / scale])
     lining = sheet(clean[0], 1)
     yield Case("sheet in a solid", clean, [join([clean[0], lining]), *clean[1:]])
     yield Case("sheet alone", [*clean, panel], [*clean, sheet(panel, 2)])

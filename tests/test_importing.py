@@ -138,8 +138,8 @@ def test_a_film_becomes_a_plate_or_is_rejected_where_plates_are_too_thin() -> No
     raw = raw_shape({"seat": BOX, "film": BOX.with_vertices(BOX.vertices * [1, 1, 1e-5])})
     seat, film = import_shape(raw, "y", **LIMITS).parts
     assert (seat.repair.method, film.repair.method) == ("none", "wrapped")
-    with pytest.raises(ShapeRejected, match=r"part film .*on average, wanted at least 0\.002"):
-        import_shape(raw, "y", **{**LIMITS, "min_thickness": 0.002})
+    with pytest.raises(ShapeRejected, match=r"part film .*on average, wanted at least 0\.02"):
+        import_shape(raw, "y", **{**LIMITS, "min_thickness": 0.02})
 
 
 def test_missing_system_libraries_are_never_a_rejection(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.formats.listing import find_shapes, read_shape
 from cagesdf.importing import import_shape
 from cagesdf.meshes import Mesh, is_closed, join, sample_surface, signed_volume
-from cagesdf.solid import TIGHT, Solid, as_manifold, from_manifold, make_solid, thickness, union
+from cagesdf.solid import SHEET, Solid, as_manifold, from_manifold, make_solid, thickness, union
 
 IKEA = Path(__file__).parents[2] / "shared" / "data" / "ikea"
 LIMITS = {"up": "y", "weld": 1e-5, "max_faces": 2_000_000, "max_parts": 150, "min_thickness": 1e-4}
@@ -79,9 +79,9 @@ def test_any_flat_sheet_with_holes_becomes_a_plate_that_covers_all_of_it(seed: i
     solid = repaired(flat)
     assert solid.method == "wrapped"
     assert solid.lost == 0
-    assert SurfaceDistance(solid.mesh).unsigned(flat.vertices).max() <= REACH
-    assert SurfaceDistance(flat).unsigned(solid.mesh.vertices).max() <= TIGHT * 1.001
-    assert thickness(solid.mesh) == pytest.approx(2 * TIGHT, rel=0.2)
+    assert SurfaceDistance(solid.mesh).unsigned(flat.vertices).max() <= SHEET / 2 * 1.001
+    assert SurfaceDistance(flat).unsigned(solid.mesh.vertices).max() <= SHEET / 2 * 1.001
+    assert thickness(solid.mesh) == pytest.approx(SHEET, rel=0.3)
 
 
 @pytest.mark.parametrize("body", [BOX, TRAY], ids=["box", "tray"])
