@@ -142,8 +142,8 @@ def free_codes(decoder: Decoder, latents: LatentTable, sequences: Mapping[str, S
     """Codes that come first, where a network makes the parts' codes."""
     if decoder.code_dim is None:
         return None
-    parts = max(len(sequences[shape_id].cages[0]) for shape_id, _ in latents.keys)
-    return FreeCodes(len(latents), parts, decoder.code_dim).to(latents.values.device)
+    parts = [len(sequences[shape_id].cages[0]) for shape_id, _ in latents.keys]
+    return FreeCodes(parts, decoder.code_dim).to(latents.values.device)
 
 
 def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, Structure]:

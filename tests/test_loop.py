@@ -18,7 +18,7 @@ from cagesdf.training import checkpoint as checkpoint_module
 from cagesdf.training.batches import Batch, Cages, MemoryBatches, latent_keys, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
 from cagesdf.training.distributed import ALONE, Ranks
-from cagesdf.training.free_codes import DRAWN, FreeCodes, code_distance
+from cagesdf.training.free_codes import DRAWN, STYLED, FreeCodes, code_distance
 from cagesdf.training.gradients import SLICE, Gradients, slice_threads, slices
 from cagesdf.training.loop import TrainSettings, rate, train
 from stages.train import free_codes
@@ -220,6 +220,10 @@ def test_any_number_of_threads_gives_the_same_bits(
     assert all(torch.equal(one[name], three[name]) for name in one)
 
 
+PARTS = (1, 2, 3)  # of the shapes of `two_parts`, by row of the latent table
+STEP = 5
+
+
 def two_parts(groups: int = 11) -> Batch:
     """Groups of three cages of one to three parts, some of them without groups, with weights of their own."""
     rng = np.random.default_rng(0)
@@ -293,7 +297,7 @@ def test_gradients_are_those_of_the_whole_loss_at_once(
 def test_while_codes_come_first_the_decoder_reads_those_and_the_transformer_is_drawn_to_them() -> None:
     network = make_decoder("TriplaneDecoder", **spheres.SIZES, seed=0)
     table = LatentTable.drawn(tuple((name, -1) for name in "xyz"), 4, 1.0, seed=0)
-    free = FreeCodes(3, 3, spheres.SIZES["code_dim"])
+    free = FreeCodes(PARTS, spheres.SIZES["code_dim"])
     with torch.no_grad():
         free.values.normal_(generator=torch.Generator().manual_seed(0))
     batch = two_parts().to("cpu")
@@ -311,14 +315,30 @@ def test_while_codes_come_first_the_decoder_reads_those_and_the_transformer_is_d
     ]
     distance = code_distance(codes[batch.shape, batch.part], free(cages)[batch.shape, batch.part])
     assert distance.item() == pytest.approx(torch.stack(apart).mean().item(), rel=1e-5)
+    styled = []  # the next shape's code at each cage, drawn to the nearest of that shape's parts
+    for shape, part in zip(batch.shape.tolist(), batch.part.tolist()):
+        other = (int(cages.latent[shape]) + 1 + STEP % 2) % 3
+        latent = table.values[other].detach()[None]
+        code = network.codes(latent, cages.cuboids[shape, None], cages.present[shape, None])[0, part]
+        known = free.values[other, : PARTS[other]].detach()
+        styled.append((code - min(known, key=lambda one: (one - code).square().sum().item())).square().sum())
     expected = torch.autograd.grad(loss, [*others, free.values])
-    drawn = torch.autograd.grad(0.7 * DRAWN * distance, transformer)
+    drawn = torch.autograd.grad(0.7 * DRAWN * (distance + STYLED * torch.stack(styled).mean()), transformer)
 
     with slice_threads() as (pool, threads):
-        value = Gradients(network, table, 0.0, "float32", pool, threads).add(batch, 0.7, free)
+        value = Gradients(network, table, 0.0, "float32", pool, threads).add(batch, 0.7, free, STEP)
     assert float(value) == pytest.approx(loss.item(), rel=1e-5)
     for parameter, gradient in zip([*others, free.values, *transformer], [*expected, *drawn], strict=True):
         torch.testing.assert_close(parameter.grad, gradient, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("shapes", [2, 3, 7])
+def test_each_shape_is_at_the_cages_of_every_other_in_turn_and_never_at_its_own(shapes: int) -> None:
+    free = FreeCodes([1] * shapes, 2)
+    rows = torch.arange(shapes)
+    turns = torch.stack([free.others(rows, step) for step in range(shapes - 1)])
+    for row in range(shapes):
+        assert sorted(turns[:, row].tolist()) == [other for other in range(shapes) if other != row]
 
 
 def test_codes_that_come_first_are_taken_over_by_the_transformer(tmp_path: Path) -> None:

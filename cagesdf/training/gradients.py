@@ -12,7 +12,7 @@ from torch import Tensor
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch
-from cagesdf.training.free_codes import DRAWN, FreeCodes, code_distance
+from cagesdf.training.free_codes import DRAWN, STYLED, FreeCodes, code_distance
 from cagesdf.training.losses import shape_mean
 from cagesdf.training.precision import Precision
 
@@ -42,17 +42,19 @@ class Gradients:
         self.pool, self.threads = pool, threads
         self.parameters = list(decoder.parameters())
 
-    def add(self, batch: Batch, weight: float, free: FreeCodes | None = None) -> Tensor:
+    def add(self, batch: Batch, weight: float, free: FreeCodes | None = None, step: int = 0) -> Tensor:
         """Add the gradient of `weight` × `shape_mean` to those of parameters and latents; returns that value.
 
         The batch has the cages of its own groups alone. With `free` the decoder reads those codes, and its own are
-        drawn to them.
+        drawn to them: at their own cages, and at those of others, which `step` chooses.
         """
         total = torch.zeros((), device=batch.sdf.device)
-        cages = batch.cages
-        codes = self.decoder.codes(self.latents(cages.latent), cages.cuboids, cages.present)
-        made = codes[batch.shape, batch.part]
-        code = made if free is None else free(cages)[batch.shape, batch.part]
+        if free is None:
+            cages = batch.cages
+            codes = self.decoder.codes(self.latents(cages.latent), cages.cuboids, cages.present)
+            code, apart = codes[batch.shape, batch.part], None
+        else:
+            code, apart = self._first(batch, free, step)
         to_code = []
         runs = slices(len(batch.weight), SLICE.get(batch.sdf.device.type, LARGE))
         for first in range(0, len(runs), self.threads):  # no more gradients are held than there are threads
@@ -64,9 +66,20 @@ class Gradients:
                 for parameter, gradient in zip(self.parameters, gradients, strict=True):
                     _add(parameter, gradient)
         code.backward(torch.cat(to_code) if to_code else torch.zeros_like(code))
-        if free is not None and len(batch.weight):
-            (weight * DRAWN * code_distance(made, code)).backward()
+        if apart is not None and len(batch.weight):
+            (weight * DRAWN * apart).backward()
         return total
+
+    def _first(self, batch: Batch, free: FreeCodes, step: int) -> tuple[Tensor, Tensor]:
+        """The groups' free codes, and how far the transformer's are from what they are drawn to."""
+        cages = batch.cages
+        others = free.others(cages.latent, step)
+        latent = torch.cat([self.latents(cages.latent), self.latents(others).detach()])
+        codes = self.decoder.codes(latent, cages.cuboids.repeat(2, 1, 1), cages.present.repeat(2, 1))
+        made, styled = (half[batch.shape, batch.part] for half in codes.chunk(2))
+        code = free(cages)[batch.shape, batch.part]
+        nearest = free.nearest(others[batch.shape], styled)
+        return code, code_distance(made, code) + STYLED * code_distance(styled, nearest)
 
     def _of(
         self, batch: Batch, code: Tensor, weight: float, run: slice

@@ -86,7 +86,7 @@ def train(
             batch = batches.at(step)
             mine = ranks.share(len(batch.weight))
             own = batch.run(slice(mine.start, mine.stop)).to(device)
-            l1 = gradients.add(own, len(mine) / len(batch.weight), free if step < first else None)
+            l1 = gradients.add(own, len(mine) / len(batch.weight), free if step < first else None, step)
             _add_ranks(learnt, l1, ranks)
             penalty = settings.latent_weight * latent_penalty(latents.values)
             penalty.backward()  # after the sum over ranks: each would add it
