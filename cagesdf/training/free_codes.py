@@ -4,8 +4,8 @@ A table of codes is learnt sooner than a transformer that must give them for eve
 the decoder and the table come first, the transformer learns what the table holds, and only then the decoder reads
 the transformer's codes (docs/training.md has the figures). The table isn't kept.
 
-A shape's code is learnt at that shape's own cages. At others it would give codes of no part that was ever seen, and torn
-surfaces; so it is also drawn, at each other shape's cages in turn, to the nearest codes of its own shape's parts.
+A shape's code is learnt at that shape's own cages. At others it would give codes of no part that was ever seen, and
+torn surfaces; so it is also drawn, at each other shape's cages in turn, to the nearest codes of its own shape's parts.
 """
 
 from collections.abc import Sequence
