@@ -16,7 +16,7 @@ import runpy
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -41,9 +41,8 @@ from pipeline.processes import ONE_THREAD
 
 PARAMS = Path("params.yaml")
 LOCK = "dvc.lock"
-FORKS = sys.platform == "linux"  # whether a process that has imported torch may fork; macOS's libraries don't promise it
-# What DVC and torch import only when they are first used; of torch, a second and a half for an optimiser.
-LATER = ("dvc.repo.reproduce", "torch._dynamo")
+FORKS = sys.platform == "linux"  # whether what has imported torch may fork: macOS's libraries don't promise it
+LATER = "torch._dynamo"  # what torch imports when it makes an optimiser, for a second and a half
 run_command = commands.cmd_run
 Graph = dict[str, set[str]]  # a stage's address, and those of the stages that it reads from
 
@@ -59,7 +58,8 @@ def main() -> int:
     with Repo() as repo:
         stages = list(repo.index.stages)
         reads = {stage.addressing: {on.addressing for on in repo.index.graph.successors(stage)} for stage in stages}
-        context = starter({word for stage in stages for word in module(stage.cmd)[:1]} if FORKS else set())
+        named = {word for stage in stages for word in module(stage.cmd)[:1]}
+        context = starter([*sorted(named), LATER] if FORKS and workers() > 1 else [])
         todo = stale(reads, set(repo.status()))
     with lock_file() as entries:
         call = partial(run, context=context, entries=entries)
@@ -76,7 +76,7 @@ def module(command: str) -> list[str]:
     return words[2:] if words[:2] == ["python", "-m"] else []
 
 
-def starter(modules: Collection[str]) -> Any:
+def starter(modules: Sequence[str]) -> Any:
     """What starts processes: where it can, one that has imported DVC and the `modules`, for one thread, and forks.
 
     That takes as long as ten stages are computed; it begins at once, beside what the caller does next.
@@ -84,7 +84,7 @@ def starter(modules: Collection[str]) -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", *sorted(modules), *LATER])
+    context.set_forkserver_preload(["__main__", "dvc.repo.reproduce", *modules])
     environment = dict(os.environ)
     os.environ.update(ONE_THREAD)  # libraries read it when they are loaded
     forkserver.ensure_running()
