@@ -58,8 +58,8 @@ def main() -> int:
     with Repo() as repo:
         stages = list(repo.index.stages)
         reads = {stage.addressing: {on.addressing for on in repo.index.graph.successors(stage)} for stage in stages}
-        named = {word for stage in stages for word in module(stage.cmd)[:1]}
-        context = starter([*sorted(named), LATER] if FORKS and workers() > 1 else [])
+        named = sorted({f"stages.{name}" for stage in stages for name in words_of(stage.cmd)[:1]})
+        context = starter([*named, LATER] if FORKS and workers() > 1 else [])
         todo = stale(reads, set(repo.status()))
     with lock_file() as entries:
         call = partial(run, context=context, entries=entries)
@@ -70,10 +70,12 @@ def main() -> int:
     return 1 if failed else 0
 
 
-def module(command: str) -> list[str]:
-    """A Python module that a command runs, and its arguments; nothing for other commands."""
+def words_of(command: str) -> list[str]:
+    """The name of the file in `stages/` that a command runs, and its arguments; nothing for other commands."""
     words = shlex.split(command)
-    return words[2:] if words[:2] == ["python", "-m"] else []
+    if words[:2] != ["python", "-m"] or not words[2].startswith("stages."):
+        return []
+    return [words[2].removeprefix("stages."), *words[3:]]
 
 
 def starter(modules: Sequence[str]) -> Any:
@@ -191,13 +193,13 @@ def _repro(address: str, environment: Mapping[str, str], beside: bool, sending: 
 
 
 def _run_forked(stage: PipelineStage, **_: Any) -> None:
-    """DVC's way to run a stage's command: a module in a fork of this process, anything else as DVC does."""
-    words = module(stage.cmd)
+    """DVC's way to run a stage's command: one of `stages/` in a fork of this process, anything else as DVC does."""
+    words = words_of(stage.cmd)
     if not words:
         run_command(stage)
         return
     print(f"Running stage '{stage.addressing}':\n> {stage.cmd}", flush=True)
-    process = multiprocessing.get_context("fork").Process(target=_run_module, args=(words,))
+    process = multiprocessing.get_context("fork").Process(target=_run_stage, args=(words,))
     process.start()
     interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is the stage's to end
     process.join()
@@ -206,11 +208,11 @@ def _run_forked(stage: PipelineStage, **_: Any) -> None:
         raise StageCmdFailedError(stage.cmd, process.exitcode)
 
 
-def _run_module(words: list[str]) -> None:
-    """As `python -m` does."""
+def _run_stage(words: list[str]) -> None:
+    """As `python -m stages.<name>` does."""
     sys.argv = words
-    sys.modules.pop(words[0], None)  # it is imported, but runs as __main__
-    runpy.run_module(words[0], run_name="__main__", alter_sys=True)
+    sys.modules.pop(f"stages.{words[0]}", None)  # it is imported, but runs as __main__
+    runpy.run_module(f"stages.{words[0]}", run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":

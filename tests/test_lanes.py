@@ -41,8 +41,8 @@ GRAPH = {
         "raw": {"cmd": "python -c \"open('raw', 'w').write('x')\"", "outs": ["raw"]},
         "train": {
             "matrix": {"arm": [["a", "b"], ["b", "a"]]},
-            "cmd": "python -m meet ${item.arm[0]} ${item.arm[1]}",
-            "deps": ["raw", "meet.py"],
+            "cmd": "python -m stages.meet ${item.arm[0]} ${item.arm[1]}",
+            "deps": ["raw", "stages/meet.py"],
             "outs": ["${item.arm[0]}"],
         },
         "after": {
@@ -55,7 +55,9 @@ GRAPH = {
 
 
 def make(folder: Path, script: str) -> None:
-    (folder / "meet.py").write_text(script, encoding="utf-8")
+    (folder / "stages").mkdir()
+    (folder / "stages" / "__init__.py").touch()
+    (folder / "stages" / "meet.py").write_text(script, encoding="utf-8")
     (folder / "slow.py").write_text(SLOW, encoding="utf-8")
     (folder / "dvc.yaml").write_text(yaml.safe_dump(GRAPH), encoding="utf-8")
     subprocess.run([sys.executable, "-m", "dvc", "init", "--quiet", "--no-scm"], cwd=folder, check=True)
@@ -110,10 +112,16 @@ def test_the_lock_file_gets_what_was_done_even_if_all_ends_early_and_loses_stage
 
 @pytest.mark.parametrize(
     ("command", "words"),
-    [("python -m stages.train a 'b c'", ["stages.train", "a", "b c"]), ("python meet.py", []), ("true", [])],
+    [
+        ("python -m stages.train a 'b c'", ["train", "a", "b c"]),
+        ("python -m stages.train", ["train"]),
+        ("python -m pipeline.library data", []),
+        ("python stages/train.py", []),
+        ("true", []),
+    ],
 )
-def test_a_module_and_its_arguments_are_read_off_a_command(command: str, words: list[str]) -> None:
-    assert lanes.module(command) == words
+def test_a_stage_and_its_arguments_are_read_off_a_command(command: str, words: list[str]) -> None:
+    assert lanes.words_of(command) == words
 
 
 def test_what_follows_from_a_change_is_stale() -> None:
