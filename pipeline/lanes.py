@@ -179,10 +179,11 @@ def run(address: str, lane: int, count: int, context: Any, entries: dict[str, An
 
 def _repro(address: str, environment: Mapping[str, str], beside: bool, sending: Connection) -> None:
     """The process of one stage. `beside` others it has one thread, and does without a new interpreter."""
-    os.environ.clear()
-    os.environ.update(environment)
     if beside:
         commands.cmd_run = _run_forked
+    else:
+        os.environ.clear()  # of what was set for one thread, and as stages were imported
+    os.environ.update(environment)
     try:
         with Repo(_wait_for_lock=True) as repo:
             done = repo.reproduce(address, single_item=True, repro_fn=PipelineStage.reproduce)
