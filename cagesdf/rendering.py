@@ -156,8 +156,11 @@ def draw_with_vtk(scene: Scene, view: View, size: int) -> Image:
     for mesh, colour in zip(scene.meshes, scene.colours):
         if len(mesh.faces):
             surface = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces.astype(int))
-            smooth = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": CREASE}
-            plotter.add_mesh(surface, color=colour, render=False, **smooth, **material)
+            # Faces are turned alike: making sure of that takes as long as the rest.
+            smooth = surface.compute_normals(
+                cell_normals=False, split_vertices=True, feature_angle=CREASE, consistent_normals=False
+            )
+            plotter.add_mesh(smooth, color=colour, interpolation="Phong", render=False, **material)
     for corners, colour in _boxes(scene):
         faces = pyvista.PolyData.from_regular_faces(corners, CUBE_FACES.astype(int))
         plotter.add_mesh(faces, color=colour, opacity=BOX_ALPHA, culling="back", ambient=0.35, render=False)
