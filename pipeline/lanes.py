@@ -2,29 +2,48 @@
 
     python -m pipeline.lanes
 
-A stage begins when those it reads from are done. It is a `dvc repro` of its own, with one worker and one thread: work
-of this size gains little from two, and while one starts, another computes. A stage that has nothing beside it gets all
-cores. `dvc repro` does the same one after the other.
+A stage begins when those it reads from are done, with one worker and one thread: work of this size gains little from
+two, and while one starts, another computes. A stage that has nothing beside it gets all cores. `dvc repro` does the
+same one after the other.
+
+What decides whether a stage runs, and what is recorded of it, is DVC's. Two things are done at once here that it does
+for every stage: stages run in forks of a process that has imported what they need, and dvc.lock is written at the end.
 """
 
 import multiprocessing
 import os
+import runpy
+import shlex
+import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from functools import cache
+from contextlib import contextmanager, suppress
+from functools import partial
 from graphlib import TopologicalSorter
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from dvc.repo import Repo
+from dvc.exceptions import DvcException
+from dvc.repo import Repo, lock_repo
+from dvc.stage import PipelineStage
+from dvc.stage import run as commands
+from dvc.stage.exceptions import StageCmdFailedError
+from dvc.stage.serialize import to_lockfile
+from dvc.utils.serialize import modify_yaml
 
 from pipeline.executor import device, progress, workers
 from pipeline.memory import memory
 from pipeline.params import ParamsError, check
+from pipeline.processes import ONE_THREAD
 
-REPRO = ("--wait-for-lock", "repro", "--single-item")  # DVC's arguments, a stage's address after them
 PARAMS = Path("params.yaml")
+LOCK = "dvc.lock"
+FORKS = sys.platform == "linux"  # whether what has imported torch may fork: macOS's libraries don't promise it
+LATER = "torch._dynamo"  # what torch imports when it makes an optimiser, for a second and a half
+run_command = commands.cmd_run
 Graph = dict[str, set[str]]  # a stage's address, and those of the stages that it reads from
 
 
@@ -36,22 +55,44 @@ def main() -> int:
     """
     if PARAMS.is_file():
         check(PARAMS)
-    todo = stale(*graph())
-    done = progress(side_by_side(todo, lanes(), run), len(todo), "stages")
-    failed = [address for address, succeeded in done if not succeeded]
+    with Repo() as repo:
+        stages = list(repo.index.stages)
+        reads = {stage.addressing: {on.addressing for on in repo.index.graph.successors(stage)} for stage in stages}
+        named = sorted({f"stages.{name}" for stage in stages for name in words_of(stage.cmd)[:1]})
+        context = starter([*named, LATER] if FORKS and workers() > 1 else [])
+        todo = stale(reads, set(repo.status()))
+    with lock_file() as entries:
+        call = partial(run, context=context, entries=entries)
+        done = progress(side_by_side(todo, lanes(), call), len(todo), "stages")
+        failed = [address for address, succeeded in done if not succeeded]
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0
 
 
-def graph() -> tuple[Graph, set[str]]:
-    """All stages in dvc.yaml's order, and those of which DVC knows that they are not up to date."""
-    with Repo() as repo:
-        stages = {
-            stage.addressing: {on.addressing for on in repo.index.graph.successors(stage)}
-            for stage in repo.index.stages
-        }
-        return stages, set(repo.status())
+def words_of(command: str) -> list[str]:
+    """The name of the file in `stages/` that a command runs, and its arguments; nothing for other commands."""
+    words = shlex.split(command)
+    if words[:2] != ["python", "-m"] or not words[2].startswith("stages."):
+        return []
+    return [words[2].removeprefix("stages."), *words[3:]]
+
+
+def starter(modules: Sequence[str]) -> Any:
+    """What starts processes: where it can, one that has imported DVC and the `modules`, for one thread, and forks.
+
+    That takes as long as ten stages are computed; it begins at once, beside what the caller does next.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", "dvc.repo.reproduce", *modules])
+    environment = dict(os.environ)
+    os.environ.update(ONE_THREAD)  # libraries read it when they are loaded
+    forkserver.ensure_running()
+    os.environ.clear()
+    os.environ.update(environment)
+    return context
 
 
 def stale(stages: Graph, changed: set[str]) -> Graph:
@@ -102,34 +143,77 @@ def side_by_side(stages: Graph, count: int, call: Callable[[str, int, int], bool
                 yield address, future.result()
 
 
-def run(address: str, lane: int, count: int) -> bool:
-    """`dvc repro` of one stage alone, with its share of the machine; whether it succeeded."""
+@contextmanager
+def lock_file() -> Iterator[dict[str, Any]]:
+    """Yield a mapping for what is to be recorded of stages, by name; it is in dvc.lock when the block ends, however.
+
+    Stages that dvc.yaml no longer has leave the file. DVC would read and write all of it after every stage, a second
+    each time; what a killed process didn't write, the next one finds in DVC's run cache.
+    """
+    entries: dict[str, Any] = {}
+    try:
+        yield entries
+    finally:
+        if entries:
+            with Repo(_wait_for_lock=True) as repo, lock_repo(repo), modify_yaml(LOCK, fs=repo.fs) as lock:
+                names = {stage.name for stage in repo.index.stages}
+                known = {**lock.get("stages", {}), **entries}
+                lock.update(schema="2.0", stages={name: entry for name, entry in known.items() if name in names})
+
+
+def run(address: str, lane: int, count: int, context: Any, entries: dict[str, Any]) -> bool:
+    """One stage by DVC, with its share of the machine, and its entry of the lock file; whether it succeeded."""
     # The same memory whether alone or not: how training reads its points depends on it.
     share = {"CAGESDF_LANE": str(lane), "CAGESDF_MEMORY": str(memory() // lanes())}
     if count > 1:
-        share |= {"OMP_NUM_THREADS": "1", "CAGESDF_WORKERS": "1"}
-    process = _starter().Process(target=_repro, args=(address, share))
+        share |= ONE_THREAD | {"CAGESDF_WORKERS": "1"}
+    receiving, sending = context.Pipe(duplex=False)
+    process = context.Process(target=_repro, args=(address, {**os.environ, **share}, FORKS and count > 1, sending))
     process.start()
+    sending.close()
+    with suppress(EOFError):  # it was up to date, or failed
+        entries.update(receiving.recv())
     process.join()
     return process.exitcode == 0
 
 
-@cache
-def _starter() -> Any:
-    """What starts processes: where it can, one that has imported DVC and forks, which saves half of DVC's own time."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", "dvc.cli.parser", "dvc.commands.repro", "dvc.repo.reproduce"])
-    return context
+def _repro(address: str, environment: Mapping[str, str], beside: bool, sending: Connection) -> None:
+    """The process of one stage. `beside` others it has one thread, and does without a new interpreter."""
+    if beside:
+        commands.cmd_run = _run_forked
+    else:
+        os.environ.clear()  # of what was set for one thread, and as stages were imported
+    os.environ.update(environment)
+    try:
+        with Repo(_wait_for_lock=True) as repo:
+            done = repo.reproduce(address, single_item=True, repro_fn=PipelineStage.reproduce)
+            for stage in done:
+                sending.send(to_lockfile(stage))
+    except DvcException as error:
+        sys.exit(f"lanes: {error}: {error.__cause__}")
 
 
-def _repro(address: str, share: Mapping[str, str]) -> None:
-    """The process of one stage: DVC, which starts the stage's command."""
-    from dvc.cli import main as dvc
+def _run_forked(stage: PipelineStage, **_: Any) -> None:
+    """DVC's way to run a stage's command: one of `stages/` in a fork of this process, anything else as DVC does."""
+    words = words_of(stage.cmd)
+    if not words:
+        run_command(stage)
+        return
+    print(f"Running stage '{stage.addressing}':\n> {stage.cmd}", flush=True)
+    process = multiprocessing.get_context("fork").Process(target=_run_stage, args=(words,))
+    process.start()
+    interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is the stage's to end
+    process.join()
+    signal.signal(signal.SIGINT, interrupt)
+    if process.exitcode:
+        raise StageCmdFailedError(stage.cmd, process.exitcode)
 
-    os.environ.update(share)
-    sys.exit(dvc([*REPRO, address]))
+
+def _run_stage(words: list[str]) -> None:
+    """As `python -m stages.<name>` does."""
+    sys.argv = words
+    sys.modules.pop(f"stages.{words[0]}", None)  # it is imported, but runs as __main__
+    runpy.run_module(f"stages.{words[0]}", run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import torch
 from cagesdf.deformation import Transfer
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.metrics import PROGRESS
-from cagesdf.evaluation.reconstruction import definitions, score
+from cagesdf.evaluation.reconstruction import definitions, point_figures
 from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.points import CHUNK
@@ -66,7 +66,7 @@ def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, s
     for steps, run in (snapshots | {trained.params["steps"]: trained}).items():
         predicted = surface(run, shape_id, step, params)
         rng = item_rng(params.seed, "evaluate_progress", shape_id)
-        figures = score(predicted, truth, drawn, rng)
+        figures = point_figures(predicted, truth, drawn, rng)
         points = steps * trained.params["batch_chunks"] * CHUNK
         key = {
             "arm": folder.name,

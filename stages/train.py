@@ -26,7 +26,7 @@ from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import LatentTable
 from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
-from cagesdf.training.checkpoint import Checkpoint, digest_of, loaded_library
+from cagesdf.training.checkpoint import Checkpoint, digest_of
 from cagesdf.training.distributed import Ranks, joined_ranks
 from cagesdf.training.free_codes import FreeCodes
 from cagesdf.training.loop import TrainSettings, train
@@ -35,6 +35,7 @@ from cagesdf.training.precision import fitting_precision, processor
 from cagesdf.training.residuals import rest_residuals
 from pipeline import TrainParams, artefact, counter, device, run_stage
 from pipeline.cost import Cost, Counts, Sections
+from pipeline.library import used
 from pipeline.memory import memory
 
 MEASURED_GROUPS = 16  # a step that is measured has, at most
@@ -180,8 +181,7 @@ def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints, r
             "params": params.model_dump(mode="json"),
             "inputs": {kind: artefact.digest_file(path / artefact.MANIFEST) for kind, path in inputs.items()},
             "points": type(data).__name__,
-            "library": loaded_library(),
-            "stage": artefact.digest_file(Path(__file__)),
+            "library": {name: artefact.digest_file(path) for name, path in used(Path(__file__).absolute()).items()},
             "torch": torch.__version__,
             "device": device(),
             "ranks": ranks.size,

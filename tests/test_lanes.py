@@ -20,23 +20,29 @@ from pipeline import lanes
 MEET = """
 import os, sys, time
 from pathlib import Path
-own, other = sys.argv[1:]
-Path(own + ".begun").touch()
-for _ in range(6000):
-    if Path(other + ".begun").exists():
-        break
-    time.sleep(0.1)
-else:
-    sys.exit("alone")
-Path(own).write_text(Path("raw").read_text() + os.environ["OMP_NUM_THREADS"])
+import slow
+
+def main(own, other):
+    Path(own + ".begun").touch()
+    for _ in range(6000):
+        if Path(other + ".begun").exists():
+            break
+        time.sleep(0.1)
+    else:
+        sys.exit("alone")
+    Path(own).write_text(Path("raw").read_text() + os.environ["OMP_NUM_THREADS"])
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
 """
+SLOW = "open('imports', 'a').write('x')"
 GRAPH = {
     "stages": {
         "raw": {"cmd": "python -c \"open('raw', 'w').write('x')\"", "outs": ["raw"]},
         "train": {
             "matrix": {"arm": [["a", "b"], ["b", "a"]]},
-            "cmd": "python meet.py ${item.arm[0]} ${item.arm[1]}",
-            "deps": ["raw", "meet.py"],
+            "cmd": "python -m stages.meet ${item.arm[0]} ${item.arm[1]}",
+            "deps": ["raw", "stages/meet.py"],
             "outs": ["${item.arm[0]}"],
         },
         "after": {
@@ -49,7 +55,10 @@ GRAPH = {
 
 
 def make(folder: Path, script: str) -> None:
-    (folder / "meet.py").write_text(script, encoding="utf-8")
+    (folder / "stages").mkdir()
+    (folder / "stages" / "__init__.py").touch()
+    (folder / "stages" / "meet.py").write_text(script, encoding="utf-8")
+    (folder / "slow.py").write_text(SLOW, encoding="utf-8")
     (folder / "dvc.yaml").write_text(yaml.safe_dump(GRAPH), encoding="utf-8")
     subprocess.run([sys.executable, "-m", "dvc", "init", "--quiet", "--no-scm"], cwd=folder, check=True)
 
@@ -69,6 +78,7 @@ def test_stages_run_at_once_after_what_they_need_and_only_when_something_changed
     assert (tmp_path / "a").read_text() == (tmp_path / "b").read_text() == "x1"
     assert (tmp_path / "after").read_text() == "all"
     assert first.stdout.count("Running stage") == 4
+    assert (tmp_path / "imports").read_text() == "x", "by the process that both are forks of"
     again = run(tmp_path)
     assert (again.returncode, again.stdout) == (0, "")
     (tmp_path / "a").unlink()
@@ -78,11 +88,40 @@ def test_stages_run_at_once_after_what_they_need_and_only_when_something_changed
 
 @pytest.mark.slow
 def test_one_that_fails_is_named_and_nothing_that_needs_it_begins(tmp_path: Path) -> None:
-    make(tmp_path, "import sys\nif sys.argv[1] == 'b': sys.exit('no')\nopen('a', 'w')")
+    lines = ("import sys", "if __name__ == '__main__':", " if sys.argv[1] == 'b': sys.exit('no')", " open('a', 'w')")
+    make(tmp_path, "\n".join(lines))
     done = run(tmp_path)
     assert done.returncode == 1
     assert re.search("failed: train@arm1", done.stderr)
     assert not (tmp_path / "after").exists()
+    lock = yaml.safe_load((tmp_path / "dvc.lock").read_text())
+    assert set(lock["stages"]) == {"raw", "train@arm0"}, "what succeeded is recorded"
+
+
+def test_the_lock_file_gets_what_was_done_even_if_all_ends_early_and_loses_stages_that_are_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make(tmp_path, MEET)
+    monkeypatch.chdir(tmp_path)
+    Path("dvc.lock").write_text("schema: '2.0'\nstages:\n  gone:\n    cmd: x\n  raw:\n    cmd: old\n")
+    with pytest.raises(KeyboardInterrupt), lanes.lock_file() as entries:
+        entries["raw"] = {"cmd": "new"}
+        raise KeyboardInterrupt
+    assert yaml.safe_load(Path("dvc.lock").read_text()) == {"schema": "2.0", "stages": {"raw": {"cmd": "new"}}}
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("python -m stages.train a 'b c'", ["train", "a", "b c"]),
+        ("python -m stages.train", ["train"]),
+        ("python -m pipeline.library data", []),
+        ("python stages/train.py", []),
+        ("true", []),
+    ],
+)
+def test_a_stage_and_its_arguments_are_read_off_a_command(command: str, words: list[str]) -> None:
+    assert lanes.words_of(command) == words
 
 
 def test_what_follows_from_a_change_is_stale() -> None:

@@ -32,11 +32,16 @@ def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random
     }
 
 
-def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
-    """OWN of a predicted surface; `truth` is of parts that followed their own cuboids. `None` as in `score`."""
+def point_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
+    """Those of `score` that are means over points of the whole surface, which are quick to get."""
     lost = nowhere(truth.side)
     ways = (lost, lost) if predicted is None else directions(predicted, truth, drawn, rng)
-    return as_own(compare(*ways, truth.side))
+    return compare(*ways, truth.side)
+
+
+def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
+    """OWN of a predicted surface; `truth` is of parts that followed their own cuboids. `None` as in `score`."""
+    return as_own(point_figures(predicted, truth, drawn, rng))
 
 
 def as_own(figures: Mapping[str, float]) -> dict[str, float]:

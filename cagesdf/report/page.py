@@ -3,6 +3,7 @@
 import base64
 import io
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,9 @@ def write_page(
     views = path.parent / "views"
     views.mkdir()
     addresses = write_views(views, named, processes)
-    filled = iter([_filled(*each) for each in zip(grids, pictures, addresses)])
+    with ThreadPoolExecutor(processes) as pool:
+        urls = [list(pool.map(_data_url, some)) for some in pictures]
+    filled = iter([_filled(*each) for each in zip(grids, urls, addresses)])
     names = [category.name for category in categories]
     environment = Environment(
         loader=PackageLoader("cagesdf.report", "."),
@@ -153,10 +156,10 @@ def _draw(grids: Sequence[Grid], size: int, processes: int) -> tuple[list[list[I
     return render_rows(scenes, size, processes)
 
 
-def _filled(grid: Grid, pictures: Sequence[Image], addresses: Sequence[Sequence[str | None]]) -> dict[str, Any]:
+def _filled(grid: Grid, urls: Sequence[str], addresses: Sequence[Sequence[str | None]]) -> dict[str, Any]:
     """A grid with a picture's data URL and its view's address, or None, in place of each scene."""
-    urls = iter([_data_url(picture) for picture in pictures])
-    cells = [[address and (next(urls), address) for address in row] for row in addresses]
+    left = iter(urls)
+    cells = [[address and (next(left), address) for address in row] for row in addresses]
     return {"columns": list(zip(grid.columns, grid.held_out)), "rows": list(zip(grid.names, cells))}
 
 

@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 import shutil
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,13 +79,3 @@ class Checkpoint:
 def digest_of(facts: Mapping[str, Any]) -> str:
     """Twenty hexadecimal digits that change with anything in `facts` (JSON values)."""
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
-
-
-def loaded_library() -> dict[str, str]:
-    """SHA-256 by name of every module of this library that the process has imported."""
-    files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
-    return {
-        name: hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        for name, file in sorted(files.items())
-        if file and name.split(".")[0] == __name__.split(".")[0]
-    }
