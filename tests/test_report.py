@@ -32,13 +32,13 @@ from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.progress import write_progress
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.scores import SCORES, write_scores
-from cagesdf.io.sequences import write_sequences
+from cagesdf.io.sequences import read_sequences, write_sequences
 from cagesdf.io.shapes import read_shapes, write_shapes
 from cagesdf.io.trials import read_trials, write_trials
 from cagesdf.rendering import CLAY, Scene
 from cagesdf.report import chart, figures
 from cagesdf.report.chart import log_chart
-from cagesdf.report.gather import part_colours, read_category, swaps
+from cagesdf.report.gather import mixes, part_colours, read_category, swaps
 from cagesdf.report.generation import failures, opened, strip
 from cagesdf.report.page import Category, Grid, write_page
 from cagesdf.report.selection import spread
@@ -523,6 +523,36 @@ def test_the_swaps_shown_are_those_of_median_and_of_least_gain(data: Path, tmp_p
     )  # fmt: skip
     write_edits(tmp_path / "edits.parquet", [], {"version": 1})
     assert swaps(shapes, trials, tmp_path).scenes == ()
+
+
+def test_the_mixes_shown_are_evenly_spread_by_gain_and_beside_those_with_details_kept(
+    data: Path, tmp_path: Path
+) -> None:
+    source, stools = read_shapes(data / "shapes" / "stool"), [f"stool_{i}" for i in range(3)]
+    rest = {name: sequence.cages[0] for name, sequence in read_sequences(data / "sequences" / "stool").items()}
+    rows, trials, surfaces = [], [], {}
+    for i, (name, gain) in enumerate(zip(stools, GAINS)):
+        shape, style = source.read(name), source.read(stools[i - 1])
+        for kind, radius in (("mix", 1.0), ("mix_keep", 0.5)):
+            trial_id = f"{kind}/{name}/{style.shape_id}"
+            rows.append(edit("cagesdf", shape, style, gain) | {"kind": kind, "trial_id": trial_id})
+            surfaces["cagesdf", trial_id] = toy.ball([0, 0, 0], radius)
+            own = [part.mesh for part in shape.parts]
+            key = {"name": style.shape_id, "style_of": style.shape_id, "part_id": "leg0|leg1|leg2|leg3"}
+            trials.append(trial_of(kind, name, rest[name], own, **key))
+    write_edits(tmp_path / "edits.parquet", rows, {"version": 1})
+    write_edit_surfaces(tmp_path, surfaces)
+    write_trials(tmp_path, trials, {"version": 1}, left_out=0)
+    grid = mixes(source, read_trials(tmp_path), tmp_path)
+    assert grid.names == (
+        "stool_1, leg in the style of stool_0", "stool_2, leg in the style of stool_1",
+        "stool_0, leg in the style of stool_2",
+    )  # fmt: skip
+    for scenes in grid.scenes:
+        stretched, kept = (scene.points() for scene in scenes[2:4] if scene)
+        assert np.ptp(stretched, axis=0) == pytest.approx(2 * np.ptp(kept, axis=0))
+    write_edits(tmp_path / "edits.parquet", [], {"version": 1})
+    assert mixes(source, read_trials(tmp_path), tmp_path).scenes == ()
 
 
 def test_generated_shapes_are_shown_at_even_ranks_of_their_distance_and_failures_by_a_rule(data: Path) -> None:
