@@ -137,6 +137,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
     new = Grid(("rank 50%",), (False,), ("cagesdf, dependent", "nearest training shapes"), ((surface,), (surface,)))
     failed = Grid(("farthest", "most pieces"), (False,) * 2, ("cagesdf, dependent: up to 2 pieces",), ((surface,) * 2,))
     swapped = Grid(("cuboids of", "style of", "cagesdf"), (False,) * 3, ("median gain, 0.75",), ((surface,) * 3,))
+    mixed = Grid(("details stretched", "details kept"), (False,) * 2, ("c<1>, leg",), ((surface,) * 2,))
     curve = [(20, 0.1), (40, 0.05), (60, 0.02)]
     return Category(
         "chair",
@@ -148,6 +149,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
         comparison,
         sequence,
         swapped,
+        mixed,
         new,
         failed,
         {"cagesdf": curve, "deepsdf": curve},
@@ -171,7 +173,7 @@ def test_the_page_asks_for_nothing_outside_itself(page: str) -> None:
 def test_every_scene_is_a_picture_and_links_inside_the_page_lead_somewhere(page: str) -> None:
     parsed = Page(page)
     assert parsed.open == []
-    assert parsed.images == 7 + 3 + 4
+    assert parsed.images == 7 + 3 + 2 + 4
     for address in parsed.addresses:
         assert not address.startswith("#") or f'id="{address[1:]}"' in page
 
@@ -216,7 +218,7 @@ def test_the_best_gain_of_the_arms_is_marked_and_who_cannot_be_edited_says_why(p
 
 
 def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
-    bare = Category("stool", 0, 0, {}, BOUNDING, *[NOTHING] * 6, {})
+    bare = Category("stool", 0, 0, {}, BOUNDING, *[NOTHING] * 7, {})
     write_page(
         tmp_path / "index.html",
         {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS, "table3": NO_TABLE3},
