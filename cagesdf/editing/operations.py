@@ -101,7 +101,7 @@ def _after(state: State, operation: Step, styles: Styles) -> State:
             other = styles.named(shape_id).latent
             return replace(state, latent=(1 - np.float32(weight)) * state.latent + np.float32(weight) * other)
         case Mix():
-            return _sound(mixed(state, operation, styles))
+            return _sound_details(mixed(state, operation, styles))
         case Style(code=code):
             if len(code) != len(state.latent):
                 raise InputError(f"code: {len(code)} numbers; this run's codes have {len(state.latent)}")
@@ -317,11 +317,18 @@ def _sound(state: State) -> State:
     if not (least.min() >= SMALLEST):
         part = state.cage.part_ids[int(least.argmin())]
         raise InputError(f"it leaves {names[part]} {least.min() / unit:.2g} thin; wanted {SMALLEST / unit:.2g} or more")
+    return _sound_details(state)
+
+
+def _sound_details(state: State) -> State:
+    """The state, if the network can be evaluated in the cuboids in which details have the size that they keep."""
+    unit = state.similarity.scale
     for part, lengths in state.kept.items():
-        if not (lengths.min() >= SMALLEST and lengths.max() <= 2 * REACH):
+        if not (lengths.min() >= SMALLEST and lengths.max() <= 4 * REACH):
             box = " x ".join(f"{length / unit:.3g}" for length in lengths)
+            name = part_names(state.structure)[part]
             raise InputError(
-                f"details of {names[part]} would keep the size that they have in a cuboid of {box}; wanted lengths "
-                f'from {SMALLEST / unit:.2g} to {2 * REACH / unit:.3g}, or details "stretch"'
+                f"details of {name} would keep the size that they have in a cuboid of {box}; wanted lengths "
+                f'from {SMALLEST / unit:.2g} to {4 * REACH / unit:.3g}, or details "stretch"'
             )
     return state
