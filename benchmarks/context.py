@@ -36,6 +36,8 @@ from cagesdf.training.precision import processor
 from pipeline import TrainParams, load
 from stages.train import free_codes
 
+# Learning distances, as these arms of profiles/ablations.yaml do.
+ARM = {"clamp": 0.6, "precision": "float32", "snapshots": ()}
 DECODERS = ("PlainTriplaneDecoder", "TriplaneDecoder", "RelationTriplaneDecoder")
 HIDDEN_FAMILIES = 4  # one family in so many isn't trained on
 COLUMNS = ("trained", "seen parts", "hidden part", "other families: seen parts", "hidden part")
@@ -103,7 +105,7 @@ def row(decoder: str, category: str, options: argparse.Namespace) -> str:
     figures = []
     for seed in options.seeds:
         params = load("arms.cagesdf").model_copy(
-            update={"decoder": decoder, "seed": seed, "steps": options.steps, "precision": "float32", "snapshots": ()}
+            update={**ARM, "decoder": decoder, "seed": seed, "steps": options.steps}
         )
         with tempfile.TemporaryDirectory() as folder:
             run, error = trained(category, ids, params, Path(folder))

@@ -7,9 +7,11 @@ differ between their styles are drawn; the first shape takes the second one's st
 is that of docs/metrics.md, on the detail of these parts: by the recipe's truth and by the box-warp's, for
 
 partner    codes of the corresponding parts of the second shape, in its own cage: what `mix` does
+keep       the same, but details keep their size: `mix` with `details: keep`
 context    codes that the network has for the second shape's latent in the first one's cage
 swap       the whole shape swapped, of which the same parts are measured
 box_warp   the second shape's parts deformed into the cuboids, without a network
+keep_warp  the same, but details keep their size
 
 and how many parts that were not mixed are the same to the last bit, in codes and surfaces. With `--picture FILE` draws
 instead of measuring: three shapes of one structure as they are, then with the parts of one label after the other from
@@ -31,7 +33,7 @@ from cagesdf.editing.session import Session, state_field
 from cagesdf.editing.state import State
 from cagesdf.evaluation.edits import measure
 from cagesdf.evaluation.surfaces import Truth
-from cagesdf.evaluation.swaps import swap_trials, swaps_of
+from cagesdf.evaluation.swaps import kept_parts, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.extraction import Extraction
 from cagesdf.io.runs import read_run
@@ -81,12 +83,15 @@ class Mixes:
             return None
         live = self.session.live(self.resolution)
         before, after = live.surface(opened), live.surface(mixed)
+        keep = self.session.edited(opened, (Mix(part=label, style_of=pair[1], details="keep"),)).present
         surfaces = {
             "unchanged": union([part.mesh for part in shape.parts]),
             "partner": after.mesh,
             "context": live.surface(in_context(mixed)).mesh,
             "swap": live.surface(self.session.edited(opened, (Swap(style_of=pair[1]),)).present).mesh,
             "box_warp": warp.truth,
+            "keep": live.surface(keep).mesh,
+            "keep_warp": union(list(kept_parts(styled, styled_rest, shape, rest, mixed.part_styles))),
         }
         truths = {"recipe": swap, "warp": warp}
         result = {
@@ -154,7 +159,7 @@ def main(data: Path, category: str, count: int, resolution: int) -> None:
     print(f"{category}: {len(measured)} mixes; all parts that were not mixed are the same to the last bit\n")
     print("| codes | gain, recipe | nearer | gain, warp | nearer |")
     print("|---|---|---|---|---|")
-    for name in ("partner", "context", "swap", "box_warp"):
+    for name in ("partner", "keep", "context", "swap", "box_warp", "keep_warp"):
         gains = {truth: np.array([figures[name][truth] for figures in measured]) for truth in ("recipe", "warp")}
         cells = [f"{np.nanmedian(own):.3f} | {int((own > 0).sum())}" for own in gains.values()]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)

@@ -10,6 +10,10 @@ A block at a leg's end keeps its height, a shaft its diameter, a slot its width.
 extent with its area × n², n being the normal's component along the axis; that is how far a stretch moves the face off
 itself. Beads, bends and bevels keep their profile. Walls (n = 0) slide along themselves, and caps (n = 1) have no
 extent that could stretch.
+
+Bins beyond a part's ends weigh what the outermost one within them does: otherwise the little room that a surface may
+leave at its cuboid's faces would take all the stretch. Networks round edges off, so of their surfaces the outermost
+cells of the lattice lie beyond the ends, too.
 """
 
 from dataclasses import dataclass
@@ -26,6 +30,8 @@ CAP = 0.02  # 1 − n² from which on a face counts as sloping in full (8 degree
 LEAST = 0.1  # factor of a bin, unless the whole axis shrinks more
 SOFTEST = 0.03  # added to all weights, whose mean is 1: a bin without any weight doesn't take everything
 NARROW = 1e-4  # of the axis: what is shorter is spread over this
+
+EXACT = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +86,13 @@ def stretches(weights: Float[ndarray, " b"], total: float) -> Float[ndarray, " b
     return np.maximum(factors, least)
 
 
-def vulnerability(solid: Mesh, size: Float[ndarray, " 3"]) -> Float[ndarray, "3 b"]:
+def vulnerability(
+    solid: Mesh, size: Float[ndarray, " 3"], rounded: Float[ndarray, " 3"] = EXACT
+) -> Float[ndarray, "3 b"]:
     """For each axis and bin, how much a stretch there would damage a closed part; areas, in squared units of `size`.
 
-    `solid` is in the unit frame of a cuboid with lengths `size`.
+    `solid` is in the unit frame of a cuboid with lengths `size`. Of a network's surface, `rounded` is the share of each
+    length within which its ends aren't to be trusted.
     """
     normals = face_normals(solid.with_vertices(solid.vertices * size))
     twice = np.sqrt(np.square(normals).sum(axis=1))
@@ -97,8 +106,16 @@ def vulnerability(solid: Mesh, size: Float[ndarray, " 3"]) -> Float[ndarray, "3 
         start, end = chords(solid, axis)
         thickness = _spread(start, end, np.full(len(start), cell))
         slope = _spread(corners[:, :, axis].min(axis=1), corners[:, :, axis].max(axis=1), slopes[:, axis])
-        weights.append(thickness + slope)
+        ends = float(corners[:, :, axis].min() + rounded[axis]), float(corners[:, :, axis].max() - rounded[axis])
+        weights.append(_between(thickness + slope, *ends))
     return np.array(weights)
+
+
+def _between(weights: Float[ndarray, " b"], low: float, high: float) -> Float[ndarray, " b"]:
+    """The weights; a bin that isn't wholly between two unit coordinates has that of the nearest bin that is."""
+    borders = np.linspace(-0.5, 0.5, BINS + 1)
+    inside = np.flatnonzero((borders[:-1] >= low - NARROW) & (borders[1:] <= high + NARROW))
+    return weights[np.arange(BINS).clip(inside[0], inside[-1])] if len(inside) else weights
 
 
 def chords(solid: Mesh, axis: int) -> tuple[Float[ndarray, " n"], Float[ndarray, " n"]]:

@@ -49,7 +49,9 @@ class Counts:
             deformed,
             deformed * (sample.near + sample.uniform),
             min(extract.sources, drawn.train) + min(extract.held_out, drawn.train) * held_out,
-            2 * trials.swaps + min(trials.shapes, drawn.train) * (2 + trials.local + len(trials.beyond)),
+            2 * trials.swaps
+            + 3 * trials.mixes
+            + min(trials.shapes, drawn.train) * (2 + trials.local + len(trials.beyond)),
         )
 
 

@@ -194,6 +194,7 @@ class TrialsParams(Params):
     """Edits whose true outcome is known, and how surfaces are measured on them."""
 
     swaps: Natural  # of cuboids and styles, a category; at most as many as no training step has shown
+    mixes: Natural  # of these, some in which the parts of one label alone take the style
     shapes: Natural  # at most so many whose other edits are tried
     local: Natural  # edits of single cuboids, a shape
     resize: tuple[Positive, Positive]  # range of the factor of one side of a cuboid

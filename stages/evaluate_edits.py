@@ -9,11 +9,13 @@ from pathlib import Path
 
 import torch
 
+from cagesdf.editing.script import Details, Mix
+from cagesdf.editing.session import Session, state_field
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gains
 from cagesdf.evaluation.surfaces import Truth
-from cagesdf.evaluation.trials import Trial
-from cagesdf.extraction import LOOSE, LiveSurface, field_of
+from cagesdf.evaluation.trials import MIXES, Trial
+from cagesdf.extraction import LOOSE, CageField, LiveSurface, field_of
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.trials import TrialFolder, read_trials
@@ -23,6 +25,8 @@ from pipeline import EditsParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, trials
 
 Surfaces = dict[tuple[str, str], Mesh]  # by arm and trial
+
+SHOWN = ("swap", "mix", "mix_keep")  # kinds of trials whose surfaces are kept for the report
 
 COST = Cost("trials", trials)
 
@@ -48,20 +52,26 @@ def main(runs: Path, trials: Path, out: Path, params: EditsParams) -> None:
 def try_arms(
     arms: Mapping[str, Run], source: TrialFolder, params: EditsParams, trial_ids: list[str]
 ) -> tuple[list[Row], Surfaces]:
-    """Rows of all arms in all trials of one shape, and their surfaces in its swaps."""
+    """Rows of all arms in all trials of one shape, and their surfaces in its swaps and mixes.
+
+    An arm whose parts have no codes has no mixes.
+    """
     torch.set_num_threads(1)  # a thread a process, also where all is done in this one
     about = source.definitions
     trials = [source.read(trial_id) for trial_id in trial_ids]
     # One for all trials of a shape: cuboids that an edit leaves as they are need not be asked again.
     live = {arm: LiveSurface(params.resolution, loose=LOOSE[params.loose]) for arm in arms}
     surfaces = {
-        (arm, trial.trial_id): surface_of(run, live[arm], trial) for arm, run in arms.items() for trial in trials
+        (arm, trial.trial_id): surface_of(run, live[arm], trial)
+        for arm, run in arms.items()
+        for trial in trials
+        if trial.kind not in MIXES or run.decoder.code_dim is not None
     }
     rest = next((trial for trial in trials if trial.kind == "rest"), None)
     rows = []
     for trial in trials:
         truth = Truth(trial.truth, trial.cage, about["detail"])
-        for arm in arms:
+        for arm in [arm for arm in arms if (arm, trial.trial_id) in surfaces]:
             surface = surfaces[arm, trial.trial_id]
             rng = item_rng(about["seed"], "measure", trial.trial_id)
             figures = measure(surface, trial, truth, about["points"], rng)
@@ -69,19 +79,28 @@ def try_arms(
                 before = surfaces[arm, rest.trial_id]
                 figures |= locality(before, surface, rest.cage, trial, truth, about["points"], rng)
             rows.append(edit_row(arm, trial, figures))
-    swaps = {trial.trial_id for trial in trials if trial.kind == "swap"}
-    return rows, {(arm, trial_id): mesh for (arm, trial_id), mesh in surfaces.items() if trial_id in swaps}
+    shown = {trial.trial_id for trial in trials if trial.kind in SHOWN}
+    return rows, {(arm, trial_id): mesh for (arm, trial_id), mesh in surfaces.items() if trial_id in shown}
 
 
 def surface_of(run: Run, live: LiveSurface, trial: Trial) -> Mesh:
     """What the arm makes of a trial's cuboids and style."""
-    rest = run.sequences[trial.shape_id].cages[0]  # edits keep the codes that parts have there
-    field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
     try:
-        return live.surface(field).mesh
+        return live.surface(trial_field(run, trial)).mesh
     except ValueError as error:
         error.add_note(f"trial {trial.trial_id}")
         raise
+
+
+def trial_field(run: Run, trial: Trial) -> CageField:
+    """The arm's field in a trial: the style of the whole shape, or of the parts that are mixed."""
+    if trial.kind in MIXES:
+        session = Session(run)
+        details: Details = "keep" if trial.kind == "mix_keep" else "stretch"
+        mix = Mix(part=trial.part_id, style_of=trial.style_of, mirror=False, repeat=False, details=details)
+        return state_field(run, session.edited(session.opened(trial.shape_id), (mix,)).present)
+    rest = run.sequences[trial.shape_id].cages[0]  # edits keep the codes that parts have there
+    return field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from cagesdf.deformation import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
 from cagesdf.evaluation.surfaces import Truth
-from cagesdf.evaluation.swaps import keep_warp, swap_trials, swaps_of
+from cagesdf.evaluation.swaps import keep_warp, kept_parts, mix_trials, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
 from cagesdf.io.edits import write_edits
 from cagesdf.io.sequences import read_sequences
@@ -26,30 +26,32 @@ from cagesdf.synthesis.writing import read_recipes
 from pipeline import TrialsParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, trials
 
-COST = Cost("trials", trials, {"swaps": 0})  # so few shapes may have none
+COST = Cost("trials", trials, {"swaps": 0, "mixes": 0})  # so few shapes may have none
 
 
 def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsParams) -> None:
-    """Read `shapes/`, `sequences/` and the recipes in `raw`, write `trials/`; without recipes there are no swaps."""
+    """Read `shapes/`, `sequences/` and the recipes in `raw`, write `trials/`; swaps and mixes need recipes."""
     inputs = {"shapes": shapes, "sequences": sequences}
     with artefact.write("trials", out, inputs=inputs, foreign={"raw": raw}, params=params) as folder:
         source, cages, recipes = read_shapes(shapes), read_sequences(sequences), read_recipes(raw)
         pairs = {f"{a}/{b}": (a, b) for a, b in swaps_of(recipes, cages)}
         swapped = [pairs[name] for name in draw(params.seed, pairs, params.swaps)]
+        mixed = [pairs[name] for name in draw(params.seed, pairs, params.mixes)]
         edited = draw(params.seed, cages, params.shapes)
         swap = partial(swap_one, source, cages, recipes, params)
+        mix = partial(mix_one, source, cages, recipes, params)
         edit = partial(edit_one, source, cages, params)
         swaps, _ = parallel_map(swap, swapped, rejects=ShapeRejected, label="make_trials, swaps")
+        mixes, _ = parallel_map(mix, mixed, rejects=ShapeRejected, label="make_trials, mixes")
         edits, _ = parallel_map(edit, edited, rejects=ShapeRejected, label="make_trials, others")
-        made = [*(item for items in swaps for item in items), *(item for items, _ in edits for item in items)]
+        styled = [item for items in (*swaps, *mixes) for item in items]
+        made = [*styled, *(item for items, _ in edits for item in items)]
         skipped = sum(count for _, count in edits)
         about = definitions(params.points, params.detail, params.seed)
         write_trials(folder, [trial for trial, _ in made], about, skipped)
         write_edits(folder / "references.parquet", [row for _, rows in made for row in rows], about)
-        print(
-            f"{len(swaps)} swaps of {len(pairs)}, {len(made) - 2 * len(swaps)} other trials; "
-            f"{skipped} left out: too thin"
-        )
+        drawn = f"{len(swaps)} swaps of {len(pairs)}, {sum(map(bool, mixes))} mixes"
+        print(f"{drawn}, {len(made) - len(styled)} other trials; {skipped} left out: too thin")
 
 
 def swap_one(
@@ -68,6 +70,29 @@ def swap_one(
     return [
         (swap, measured(swap, {"unchanged": unchanged, "box_warp": warp.truth, "keep_warp": kept}, params)),
         (warp, measured(warp, {"unchanged": unchanged}, params)),
+    ]
+
+
+def mix_one(
+    source: ShapeFolder,
+    cages: Mapping[str, Sequence],
+    recipes: Mapping[str, Recipe],
+    params: TrialsParams,
+    pair: tuple[str, str],
+) -> list[tuple[Trial, list[Row]]]:
+    """The same of the parts of one label alone, and once more with details that keep their size."""
+    shape, styled = (source.read(shape_id) for shape_id in pair)
+    cage, styled_cage = (cages[shape_id].cages[0] for shape_id in pair)
+    trials = mix_trials(shape, cage, styled, styled_cage, recipes, item_rng(params.seed, "mix", *pair))
+    if not trials:
+        return []
+    mix, warp, keep = trials
+    unchanged = union([part.mesh for part in shape.parts])
+    kept = union(list(kept_parts(styled, styled_cage, shape, cage, keep.part_id.split("|"))))
+    return [
+        (mix, measured(mix, {"unchanged": unchanged, "box_warp": warp.truth}, params)),
+        (warp, measured(warp, {"unchanged": unchanged}, params)),
+        (keep, measured(keep, {"unchanged": unchanged, "keep_warp": kept}, params)),
     ]
 
 

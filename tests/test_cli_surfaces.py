@@ -171,13 +171,17 @@ def test_a_mix_is_the_script_that_mixes(command: Command, tmp_path: Path) -> Non
     assert "back" not in changed
 
 
-def test_a_mix_goes_halfway_and_takes_the_parts_that_are_named(command: Command, tmp_path: Path) -> None:
+def test_a_mix_goes_halfway_takes_the_parts_that_are_named_and_keeps_their_details(
+    command: Command, tmp_path: Path
+) -> None:
     run = write_parts_run(tmp_path / "runs" / "parts")
     mixed, scripted, whole = (tmp_path / f"{name}.obj" for name in ("mixed", "scripted", "whole"))
-    script = write_script(tmp_path, {"op": "mix", "part": "leg_1", "style_of": "b", "from": "seat", "weight": 0.5})
-    command("mix", run, "a", "leg_1=b", mixed, "--from", "seat", "--weight", "0.5", "--resolution", "32")
+    way = {"from": "seat", "weight": 0.5, "details": "keep"}
+    script = write_script(tmp_path, {"op": "mix", "part": "leg_1", "style_of": "b", **way})
+    options = [text for name, value in way.items() for text in (f"--{name}", str(value))]
+    command("mix", run, "a", "leg_1=b", mixed, *options, "--resolution", "32")
     command("edit", run, "a", script, scripted, "--resolution", "32")
-    command("mix", run, "a", "leg_1=b", whole, "--resolution", "32")
+    command("mix", run, "a", "leg_1=b", whole, *options[:-2], "--resolution", "32")
     assert mixed.read_bytes() == scripted.read_bytes() != whole.read_bytes()
     out = tmp_path / "out.obj"
     assert "weight" in command.complaint("mix", run, "a", "leg_1=b", out, "--weight", "2")

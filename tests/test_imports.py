@@ -42,7 +42,7 @@ ALLOWED = {
     "io": RECORDS | {"fitting", "matching", "deformation", "resizing", "models", "evaluation", "generation"},
     "point_chunks": RECORDS | SOLIDS | {"sampling", "part_sampling", "io"},
     "training": RECORDS | {"models", "io"},
-    "extraction": RECORDS | SOLIDS | {"models"},
+    "extraction": RECORDS | SOLIDS | {"models", "resizing"},
     "editing": RECORDS | {"solid", "matching", "deformation", "models", "io", "extraction"},
     "evaluation": RECORDS | SOLIDS | {"matching", "deformation", "synthesis"},
     "inference": RECORDS

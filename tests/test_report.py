@@ -32,13 +32,13 @@ from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.progress import write_progress
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.scores import SCORES, write_scores
-from cagesdf.io.sequences import write_sequences
+from cagesdf.io.sequences import read_sequences, write_sequences
 from cagesdf.io.shapes import read_shapes, write_shapes
 from cagesdf.io.trials import read_trials, write_trials
 from cagesdf.rendering import CLAY, Scene
 from cagesdf.report import chart, figures
 from cagesdf.report.chart import log_chart
-from cagesdf.report.gather import part_colours, read_category, swaps
+from cagesdf.report.gather import mixes, part_colours, read_category, swaps
 from cagesdf.report.generation import failures, opened, strip
 from cagesdf.report.page import Category, Grid, write_page
 from cagesdf.report.selection import spread
@@ -137,6 +137,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
     new = Grid(("rank 50%",), (False,), ("cagesdf, dependent", "nearest training shapes"), ((surface,), (surface,)))
     failed = Grid(("farthest", "most pieces"), (False,) * 2, ("cagesdf, dependent: up to 2 pieces",), ((surface,) * 2,))
     swapped = Grid(("cuboids of", "style of", "cagesdf"), (False,) * 3, ("median gain, 0.75",), ((surface,) * 3,))
+    mixed = Grid(("details stretched", "details kept"), (False,) * 2, ("c<1>, leg",), ((surface,) * 2,))
     curve = [(20, 0.1), (40, 0.05), (60, 0.02)]
     return Category(
         "chair",
@@ -148,6 +149,7 @@ def category(monkeypatch: pytest.MonkeyPatch) -> Category:
         comparison,
         sequence,
         swapped,
+        mixed,
         new,
         failed,
         {"cagesdf": curve, "deepsdf": curve},
@@ -171,7 +173,7 @@ def test_the_page_asks_for_nothing_outside_itself(page: str) -> None:
 def test_every_scene_is_a_picture_and_links_inside_the_page_lead_somewhere(page: str) -> None:
     parsed = Page(page)
     assert parsed.open == []
-    assert parsed.images == 7 + 3 + 4
+    assert parsed.images == 7 + 3 + 2 + 4
     for address in parsed.addresses:
         assert not address.startswith("#") or f'id="{address[1:]}"' in page
 
@@ -216,7 +218,7 @@ def test_the_best_gain_of_the_arms_is_marked_and_who_cannot_be_edited_says_why(p
 
 
 def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
-    bare = Category("stool", 0, 0, {}, BOUNDING, *[NOTHING] * 6, {})
+    bare = Category("stool", 0, 0, {}, BOUNDING, *[NOTHING] * 7, {})
     write_page(
         tmp_path / "index.html",
         {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS, "table3": NO_TABLE3},
@@ -523,6 +525,36 @@ def test_the_swaps_shown_are_those_of_median_and_of_least_gain(data: Path, tmp_p
     )  # fmt: skip
     write_edits(tmp_path / "edits.parquet", [], {"version": 1})
     assert swaps(shapes, trials, tmp_path).scenes == ()
+
+
+def test_the_mixes_shown_are_evenly_spread_by_gain_and_beside_those_with_details_kept(
+    data: Path, tmp_path: Path
+) -> None:
+    source, stools = read_shapes(data / "shapes" / "stool"), [f"stool_{i}" for i in range(3)]
+    rest = {name: sequence.cages[0] for name, sequence in read_sequences(data / "sequences" / "stool").items()}
+    rows, trials, surfaces = [], [], {}
+    for i, (name, gain) in enumerate(zip(stools, GAINS)):
+        shape, style = source.read(name), source.read(stools[i - 1])
+        for kind, radius in (("mix", 1.0), ("mix_keep", 0.5)):
+            trial_id = f"{kind}/{name}/{style.shape_id}"
+            rows.append(edit("cagesdf", shape, style, gain) | {"kind": kind, "trial_id": trial_id})
+            surfaces["cagesdf", trial_id] = toy.ball([0, 0, 0], radius)
+            own = [part.mesh for part in shape.parts]
+            key = {"name": style.shape_id, "style_of": style.shape_id, "part_id": "leg0|leg1|leg2|leg3"}
+            trials.append(trial_of(kind, name, rest[name], own, **key))
+    write_edits(tmp_path / "edits.parquet", rows, {"version": 1})
+    write_edit_surfaces(tmp_path, surfaces)
+    write_trials(tmp_path, trials, {"version": 1}, left_out=0)
+    grid = mixes(source, read_trials(tmp_path), tmp_path)
+    assert grid.names == (
+        "stool_1, leg in the style of stool_0", "stool_2, leg in the style of stool_1",
+        "stool_0, leg in the style of stool_2",
+    )  # fmt: skip
+    for scenes in grid.scenes:
+        stretched, kept = (scene.points() for scene in scenes[2:4] if scene)
+        assert np.ptp(stretched, axis=0) == pytest.approx(2 * np.ptp(kept, axis=0))
+    write_edits(tmp_path / "edits.parquet", [], {"version": 1})
+    assert mixes(source, read_trials(tmp_path), tmp_path).scenes == ()
 
 
 def test_generated_shapes_are_shown_at_even_ranks_of_their_distance_and_failures_by_a_rule(data: Path) -> None:

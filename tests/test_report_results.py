@@ -10,7 +10,7 @@ import pytest
 from cagesdf.evaluation.metrics import METRICS, OF_KEY
 from cagesdf.evaluation.reconstruction import VERSION
 from cagesdf.io.scores import MEANINGS
-from cagesdf.report.results import readme_table, results_page, with_metrics, with_readme_table
+from cagesdf.report.results import gains, readme_table, results_page, with_metrics, with_readme_table
 
 ROOT = Path(__file__).parents[1]
 
@@ -57,6 +57,18 @@ def test_a_changed_figure_changes_its_cell_alone(tables: Any) -> None:
 def test_what_was_not_measured_is_a_dash(tables: Any) -> None:
     deepsdf = next(row for row in rows(readme_table(tables)) if row[0] == "`deepsdf`")
     assert deepsdf[1 + len(tables["table1"]) :] == ["–"] * len(tables["table1"])
+
+
+def test_gains_of_mixes_stand_in_the_page_where_there_are_any(tables: Any) -> None:
+    """A column for each kind, `–` for an arm without it."""
+    edits = {"cagesdf": {kind: {"gain": {"median": gain}} for kind, gain in (("mix", -0.5), ("mix_keep", 0.25))}}
+    some = {**tables, "edits": {"categories": {"chair": {**edits, "cagesdf_global": {"swap": {}}}}}}
+    some["table1"] = {"chair": tables["table1"]["chair"]}
+    kinds = {"mix_warp": "warp", "mix": "recipe", "mix_keep": "details kept"}
+    head, _, row = gains(some, kinds).strip().splitlines()
+    assert [cell.strip() for cell in head.split("|")[2:-1]] == ["chair: warp", "recipe", "details kept"]
+    assert [cell.strip() for cell in row.split("|")[1:-1]] == ["`cagesdf`", "–", "−0.50", "0.25"]
+    assert gains(some, {"bent": "bent"}) == ""
 
 
 def test_a_readme_without_a_place_for_the_table_is_refused(tables: Any) -> None:

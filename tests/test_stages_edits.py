@@ -12,7 +12,7 @@ from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import aligned_cage, interpolated_cage
 from cagesdf.errors import InputError
 from cagesdf.evaluation.tables import gather_edits
-from cagesdf.evaluation.trials import SWAPS
+from cagesdf.evaluation.trials import MIXES, STYLED
 from cagesdf.importing import import_shape
 from cagesdf.io.edits import read_edit_surface, read_edits
 from cagesdf.io.runs import Run, write_run
@@ -32,12 +32,14 @@ from stages import evaluate_edits, make_trials
 
 PARAMS = Params(format=1)
 TRIALS = TrialsParams(
-    format=1, swaps=2, shapes=2, local=2, resize=(0.8, 1.25), move=(0.03, 0.1), beyond=(-0.25, 1.25, 40.0),
+    format=1, swaps=2, mixes=2, shapes=2, local=2, resize=(0.8, 1.25), move=(0.03, 0.1), beyond=(-0.25, 1.25, 40.0),
     blend=0.1, points=500, detail=0.005, seed=7,
 )  # fmt: skip
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
+SIZES |= {"code_dim": 4, "cells": 4, "channels": 2, "context": 8, "context_layers": 1, "heads": 2}
 ARMS = {
-    "cagesdf": {"decoder": "CageDecoder", "latents": "source"},
+    "cagesdf": {"decoder": "OccupancyDecoder", "latents": "source"},
+    "cagesdf_global": {"decoder": "CageDecoder", "latents": "source"},
     "deepsdf": {"decoder": "DeepSdfDecoder", "latents": "deformed"},
 }
 EDITS = EditsParams(format=1, resolution=32, loose="keep", arms=tuple(ARMS))
@@ -109,8 +111,8 @@ def done(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_there_are_as_many_trials_of_each_kind_as_the_parameters_ask_for(done: Path) -> None:
     trials = read_trials(done / "trials")
     counts = trials.counts()
-    assert {kind: counts[kind] for kind in ("rest", "local", "bent", "swap", "warp")} == {
-        "rest": 2, "local": 4, "bent": 2, "swap": 2, "warp": 2,
+    assert {kind: counts[kind] for kind in ("rest", "local", "bent", *STYLED)} == {
+        "rest": 2, "local": 4, "bent": 2, **dict.fromkeys(STYLED, 2),
     }  # fmt: skip
     assert counts["beyond"] + counts["left_out"] == 2 * 3
     assert counts["left_out"] > 0
@@ -136,34 +138,35 @@ def test_references_stand_where_they_must(done: Path) -> None:
     for row in rows:
         if row["arm"] == "ground_truth":
             assert (row["kind"], row["distance"]) == ("rest", pytest.approx(0, abs=1e-6))
-        if row["kind"] in SWAPS and row["arm"] == "unchanged":
+        if row["kind"] in STYLED and row["arm"] == "unchanged":
             assert row["gain"] == 0
         if row["arm"] == "keep_warp":
-            assert row["kind"] == "swap", "what is taught by default, warp, stretches details"
+            assert row["kind"] in ("swap", "mix_keep"), "what is taught by default, warp, stretches details"
         if row["arm"] == "box_warp":
-            assert row["kind"] in ("swap", "bent"), "of all others it is the truth"
+            assert row["kind"] in ("swap", "mix", "bent"), "of all others it is the truth"
             assert row["distance"] > 0.01
 
 
 def test_an_arm_has_a_row_a_trial_and_one_without_cuboids_has_none(done: Path) -> None:
     rows, about = read_edits(done / "edits" / "edits.parquet")
     trials = read_trials(done / "trials")
-    assert [row["trial_id"] for row in rows] == sorted(trials.rows)
+    of_arm = {arm: [row["trial_id"] for row in rows if row["arm"] == arm] for arm in ARMS}
+    whole = [trial_id for trial_id, row in trials.rows.items() if row["kind"] not in MIXES]
+    assert of_arm == {"cagesdf": sorted(trials.rows), "cagesdf_global": sorted(whole), "deepsdf": []}
     assert about == trials.definitions
     for row in rows:
-        assert row["arm"] == "cagesdf"
         assert row["refit"] < 20, "it fills its cuboids"
-        assert np.isnan(row["gain"]) == (row["kind"] not in SWAPS)
+        assert np.isnan(row["gain"]) == (row["kind"] not in STYLED)
     files = [(rows, about), read_edits(done / "trials" / "references.parquet")]
     table = gather_edits({"vase": files}, {"vase": ARMS})["categories"]["vase"]
-    assert sorted(table) == ["box_warp", "cagesdf", "deepsdf", "ground_truth", "keep_warp", "unchanged"]
+    assert sorted(table) == sorted([*ARMS, "box_warp", "ground_truth", "keep_warp", "unchanged"])
     assert table["deepsdf"] == {}
-    assert table["cagesdf"]["all"]["refit"]["n"] == len(rows)
+    assert table["cagesdf"]["all"]["refit"]["n"] == len(trials.rows)
 
 
 def test_surfaces_of_swaps_are_kept(done: Path) -> None:
     for row in read_trials(done / "trials").rows.values():
-        if row["kind"] == "swap":
+        if row["kind"] in ("swap", "mix", "mix_keep"):
             assert is_closed(read_edit_surface(done / "edits", "cagesdf", row["trial_id"]))
     with pytest.raises(InputError, match="has no surface of cagesdf in 'rest"):
         read_edit_surface(done / "edits", "cagesdf", f"rest/{RECIPES[0].shape_id}")
@@ -180,7 +183,7 @@ def test_the_same_inputs_give_the_same_bytes_in_any_number_of_processes(
             assert filecmp.cmp(path, again / path.relative_to(done), shallow=False), path
 
 
-def test_shapes_from_elsewhere_have_all_trials_but_swaps(inputs: Path, tmp_path: Path) -> None:
+def test_shapes_from_elsewhere_have_all_trials_but_swaps_and_mixes(inputs: Path, tmp_path: Path) -> None:
     (tmp_path / "raw").mkdir()
     params = TRIALS.model_copy(update={"shapes": 1, "local": 1})
     make_trials.main(tmp_path / "raw", inputs / "shapes", inputs / "sequences", tmp_path / "trials", params)

@@ -7,7 +7,16 @@ import pytest
 
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.distance import SurfaceDistance
-from cagesdf.evaluation.swaps import box_warp, differ, in_style, keep_warp, swap_trials, swaps_of
+from cagesdf.evaluation.swaps import (
+    box_warp,
+    differ,
+    in_style,
+    keep_warp,
+    kept_parts,
+    mix_trials,
+    swap_trials,
+    swaps_of,
+)
 from cagesdf.importing import import_shape
 from cagesdf.meshes import Mesh, is_closed
 from cagesdf.shape import RawShape, Shape
@@ -101,6 +110,28 @@ def test_a_mix_takes_the_style_in_its_parts_alone() -> None:
     # Warped legs may leave their cuboids: where cuboids overlap, vertices go with the mean of them.
     changed = rest.signed_distance(swap.truth.corners().mean(axis=1)[swap.changed])
     assert changed[:, [part in legs for part in rest.part_ids]].min(axis=1).max() < 1e-6
+
+
+def test_a_mix_is_of_one_label_that_shows_the_style_and_has_a_trial_for_each_truth() -> None:
+    a, b = family(CHAIRS, "panel")[:2]
+    (shape, rest), styled = shape_of(a), shape_of(b)
+    recipes, labels = {a.shape_id: a, b.shape_id: b}, {part.part_id: part.label for part in shape.parts}
+    trials = mix_trials(shape, rest, *styled, recipes, np.random.default_rng(0))
+    assert [trial.kind for trial in trials] == ["mix", "mix_warp", "mix_keep"]
+    (pattern,) = {trial.part_id for trial in trials}
+    parts = pattern.split("|")
+    (label,) = {labels[part] for part in parts}
+    assert parts == [part for part in rest.part_ids if labels[part] == label]
+    for trial, same in zip(trials, swap_trials(shape, rest, *styled, recipes, parts)):
+        assert trial.trial_id == f"{trial.kind}/{a.shape_id}/{b.shape_id}"
+        assert trial.changed.any()
+        assert np.array_equal(trial.truth.vertices, same.truth.vertices)
+    assert trials[2].truth is trials[0].truth
+    kept = dict(zip(keep_warp(*styled, shape, rest)[1], kept_parts(*styled, shape, rest, parts)))
+    for part in shape.parts:
+        assert (kept[part.part_id] is part.mesh) == (part.part_id not in parts)
+    own = {a.shape_id: a}
+    assert not mix_trials(shape, rest, shape, rest, own, np.random.default_rng(0)), "its style is its own"
 
 
 def test_faces_of_parts_that_show_no_style_are_not_changed() -> None:

@@ -19,6 +19,7 @@ from cagesdf.editing.script import (
     Blend,
     Build,
     Delete,
+    Details,
     Duplicate,
     End,
     Frame,
@@ -220,13 +221,16 @@ class EditableShape(ModelledShape):
         mirror: bool = True,
         repeat: bool = False,
         attach: bool = False,
+        details: Details = "stretch",
     ) -> "EditableShape":
         """Move cuboids by x, y, z along the files' axes, or along each cuboid's own with `frame` "cuboid".
 
         With `mirror`, parts that mirror these do the mirrored thing; with `repeat`, parts that repeat them follow; with
-        `attach`, parts that touch them stay in contact.
+        `attach`, parts that touch them stay in contact. Details of cuboids that change their lengths stretch along, or
+        "keep" their size.
         """
-        return self._do(Move, part=part, by=tuple(by), frame=frame, mirror=mirror, repeat=repeat, attach=attach)
+        fields = {"by": tuple(by), "frame": frame, "mirror": mirror, "repeat": repeat, "attach": attach}
+        return self._do(Move, part=part, **fields, details=details)
 
     def resize(
         self,
@@ -239,9 +243,10 @@ class EditableShape(ModelledShape):
         mirror: bool = True,
         repeat: bool = False,
         attach: bool = False,
+        details: Details = "stretch",
     ) -> "EditableShape":
         """Stretch cuboids along an axis by a factor; `keep` says which end stays. The rest as for `move`."""
-        fields = {"axis": axis, "factor": factor, "keep": keep, "frame": frame}
+        fields = {"axis": axis, "factor": factor, "keep": keep, "frame": frame, "details": details}
         return self._do(Resize, part=part, **fields, mirror=mirror, repeat=repeat, attach=attach)
 
     def rotate(
@@ -254,11 +259,11 @@ class EditableShape(ModelledShape):
         mirror: bool = True,
         repeat: bool = False,
         attach: bool = False,
+        details: Details = "stretch",
     ) -> "EditableShape":
         """Turn cuboids by degrees, counter-clockwise seen from the axis's tip. The rest as for `move`."""
-        return self._do(
-            Rotate, part=part, axis=axis, angle=angle, frame=frame, mirror=mirror, repeat=repeat, attach=attach
-        )
+        fields = {"axis": axis, "angle": angle, "frame": frame, "details": details}
+        return self._do(Rotate, part=part, **fields, mirror=mirror, repeat=repeat, attach=attach)
 
     def add(
         self, name: str, centre: Iterable[float], lengths: Iterable[float], *, like: str | None = None
@@ -282,13 +287,13 @@ class EditableShape(ModelledShape):
         """Cut cuboids in two across an axis, `at` a share of their length. `mirror`, `repeat` as for `move`."""
         return self._do(Split, part=part, axis=axis, at=at, mirror=mirror, repeat=repeat)
 
-    def scale(self, factors: Iterable[float]) -> "EditableShape":
+    def scale(self, factors: Iterable[float], *, details: Details = "stretch") -> "EditableShape":
         """Stretch the whole cage along x, y and z about the centre of the box that the shape had at first."""
-        return self._do(Scale, factors=tuple(factors))
+        return self._do(Scale, factors=tuple(factors), details=details)
 
-    def set(self, parameter: str, value: float) -> "EditableShape":
+    def set(self, parameter: str, value: float, *, details: Details = "stretch") -> "EditableShape":
         """Give one of `parameters` another value; what is attached to it, or repeats it, follows."""
-        return self._do(Set, parameter=parameter, value=value)
+        return self._do(Set, parameter=parameter, value=value, details=details)
 
     def swap(self, style_of: str) -> "EditableShape":
         """Take the style of another shape of the run."""
@@ -307,12 +312,14 @@ class EditableShape(ModelledShape):
         weight: float = 1.0,
         mirror: bool = True,
         repeat: bool = True,
+        details: Details = "stretch",
     ) -> "EditableShape":
         """Take the style of another shape's corresponding parts, or of those called `source`, in some parts.
 
-        Parts that mirror or repeat these do so, too. Raises InputError for an arm whose parts have no codes.
+        Parts that mirror or repeat these do so, too. Details "keep" the size that they have in the other shape, or
+        stretch with the cuboid. Raises InputError for an arm whose parts have no codes.
         """
-        fields = {"style_of": style_of, "from": source, "weight": weight}
+        fields = {"style_of": style_of, "from": source, "weight": weight, "details": details}
         return self._do(Mix, part=part, **fields, mirror=mirror, repeat=repeat)
 
     def style(self, code: Iterable[float]) -> "EditableShape":

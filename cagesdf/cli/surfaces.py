@@ -128,6 +128,7 @@ def mix(
     *,
     weight: float = 1.0,
     source: Annotated[str | None, Parameter(name="--from")] = None,
+    details: Literal["stretch", "keep"] = "stretch",
     resolution: Resolution = 128,
     symmetry: Symmetry = "none",
     loose: Loose = "keep",
@@ -148,6 +149,8 @@ def mix(
         How far the parts go towards those styles: 0 stays, 1 arrives.
     source
         Parts of the other shapes whose styles are taken, such as leg; without it, those that correspond.
+    details
+        Whether details stretch with the cuboids, or keep the size that they have in the other shapes.
     """
     pairs = [text.rpartition("=") for text in parts]
     if wrong := next((text for text, (part, _, style_of) in zip(parts, pairs) if not part or not style_of), None):
@@ -155,7 +158,7 @@ def mix(
     work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
     shape = work.run.open(cuboids_of)
     for part, _, style_of in pairs:
-        shape.mix(part, style_of, source=source, weight=weight)
+        shape.mix(part, style_of, source=source, weight=weight, details=details)
     work.write(shape)
 
 

@@ -159,5 +159,10 @@ def _with_parts(
         part_styles={
             part: state.part_styles[originals[part]] for part in cuboids if originals[part] in state.part_styles
         },
+        kept={
+            part: state.kept[original] * cuboid.size / state.cage[original].size
+            for part, cuboid in cuboids.items()
+            if (original := originals[part]) in state.kept
+        },
         like={part: seen for part in cuboids if (seen := state.seen_as(originals[part])) != part},
     )

@@ -18,6 +18,7 @@ from cagesdf.editing.script import (
     Blend,
     Build,
     Delete,
+    Details,
     Duplicate,
     Harmonise,
     Mix,
@@ -81,7 +82,7 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
 def _after(state: State, operation: Step, styles: Styles) -> State:
     match operation:
         case Move() | Resize() | Rotate():
-            return _sound(_change_parts(state, operation))
+            return _sound(_with_details(state, _change_parts(state, operation), operation.details))
         case Add():
             return _sound(added(state, operation))
         case Duplicate():
@@ -90,17 +91,17 @@ def _after(state: State, operation: Step, styles: Styles) -> State:
             return deleted(state, operation)
         case Split():
             return _sound(split(state, operation))
-        case Scale(factors=factors):
-            return _sound(scaled(state, factors))
-        case Set(parameter=parameter, value=value):
-            return _sound(reprogrammed(state, parameter, value))
+        case Scale(factors=factors, details=details):
+            return _sound(_with_details(state, scaled(state, factors), details))
+        case Set(parameter=parameter, value=value, details=details):
+            return _sound(_with_details(state, reprogrammed(state, parameter, value), details))
         case Swap(style_of=shape_id):
             return replace(state, latent=styles.named(shape_id).latent)
         case Blend(style_of=shape_id, weight=weight):
             other = styles.named(shape_id).latent
             return replace(state, latent=(1 - np.float32(weight)) * state.latent + np.float32(weight) * other)
         case Mix():
-            return mixed(state, operation, styles)
+            return _sound_details(mixed(state, operation, styles))
         case Style(code=code):
             if len(code) != len(state.latent):
                 raise InputError(f"code: {len(code)} numbers; this run's codes have {len(state.latent)}")
@@ -108,7 +109,8 @@ def _after(state: State, operation: Step, styles: Styles) -> State:
         case Build(structure=text, frame=numbers):
             return _sound(built(state, text, numbers))
         case Harmonise():
-            return replace(state, seen=state.cage, like={})
+            kept = {part: lengths for part, lengths in state.kept.items() if part in state.part_styles}
+            return replace(state, seen=state.cage, like={}, kept=kept)
 
 
 def mixed(state: State, operation: Mix, styles: Styles) -> State:
@@ -124,14 +126,28 @@ def mixed(state: State, operation: Mix, styles: Styles) -> State:
     other = styles.named(operation.style_of)
     parts = linked(select(state.structure, operation.part), followed(state, operation.mirror, operation.repeat))
     partners = corresponding(state, other, operation.source)
-    part_styles = dict(state.part_styles)
+    part_styles, weight = dict(state.part_styles), operation.weight
+    lengths = dict(zip(state.cage.part_ids, state.evaluated().size))
+    unit = state.similarity.scale / other.similarity.scale  # canonical here, of the other shape's canonical unit
     for part in parts:
         cage = other.cage if part in partners else None
-        step = PartStyle(other.latent, cage, partners.get(part, part), operation.weight)
+        step = PartStyle(other.latent, cage, partners.get(part, part), weight)
         # Nothing is left of what a step of weight 1 starts from.
-        before = part_styles.get(part, ()) if operation.weight < 1 else ()
+        before = part_styles.get(part, ()) if weight < 1 else ()
         part_styles[part] = (*before, step)
-    return replace(state, part_styles=part_styles)
+        own = state.cage[part].size
+        if operation.details == "keep":
+            own = state.seen[state.seen_as(part)].size if cage is None else unit * cage[step.part].size
+        lengths[part] = (1 - weight) * lengths[part] + weight * own
+    return replace(state, part_styles=part_styles).evaluated_in(lengths)
+
+
+def _with_details(before: State, after: State, details: Details) -> State:
+    """The state `after`, with details of resized parts that stretch from what they are `before`, or keep their size."""
+    lengths = before.evaluated().size
+    if details == "stretch":
+        lengths = np.where(lengths == before.cage.size, after.cage.size, lengths * after.cage.size / before.cage.size)
+    return after.evaluated_in(dict(zip(after.cage.part_ids, lengths)))
 
 
 def scaled(state: State, factors: tuple[float, float, float]) -> State:
@@ -301,4 +317,18 @@ def _sound(state: State) -> State:
     if not (least.min() >= SMALLEST):
         part = state.cage.part_ids[int(least.argmin())]
         raise InputError(f"it leaves {names[part]} {least.min() / unit:.2g} thin; wanted {SMALLEST / unit:.2g} or more")
+    return _sound_details(state)
+
+
+def _sound_details(state: State) -> State:
+    """The state, if the network can be evaluated in the cuboids in which details have the size that they keep."""
+    unit = state.similarity.scale
+    for part, lengths in state.kept.items():
+        if not (lengths.min() >= SMALLEST and lengths.max() <= 4 * REACH):
+            box = " x ".join(f"{length / unit:.3g}" for length in lengths)
+            name = part_names(state.structure)[part]
+            raise InputError(
+                f"details of {name} would keep the size that they have in a cuboid of {box}; wanted lengths "
+                f'from {SMALLEST / unit:.2g} to {4 * REACH / unit:.3g}, or details "stretch"'
+            )
     return state

@@ -61,6 +61,7 @@ ShapeId = Annotated[str, Field(min_length=1, max_length=1000, description="the i
 Axis = Annotated[Literal["x", "y", "z"], Field(description="x, y or z")]
 Frame = Annotated[Literal["shape", "cuboid"], Field(description="shape or cuboid")]
 End = Annotated[Literal["low", "centre", "high"], Field(description="low, centre or high")]
+Details = Annotated[Literal["stretch", "keep"], Field(description="stretch or keep")]
 Switch = Annotated[bool, Field(description="true or false")]
 Code = Annotated[tuple[_Number, ...], Field(min_length=1, max_length=4096, description="the numbers of a latent code")]
 Placement = Annotated[
@@ -87,6 +88,7 @@ class Move(_Operation):
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
     attach: Switch = False  # parts that touch these stay in contact: their attached faces follow
+    details: Details = "stretch"  # of cuboids that change their lengths: they stretch along, or keep their size
 
 
 class Resize(_Operation):
@@ -101,6 +103,7 @@ class Resize(_Operation):
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
     attach: Switch = False  # parts that touch these stay in contact: their attached faces follow
+    details: Details = "stretch"  # of cuboids that change their lengths: they stretch along, or keep their size
 
 
 class Rotate(_Operation):
@@ -114,6 +117,7 @@ class Rotate(_Operation):
     mirror: Switch = True  # parts that mirror these do the mirrored thing
     repeat: Switch = False  # parts that repeat these do the same thing in their places
     attach: Switch = False  # parts that touch these stay in contact: their attached faces follow
+    details: Details = "stretch"  # of cuboids that change their lengths: they stretch along, or keep their size
 
 
 class Add(_Operation):
@@ -161,6 +165,7 @@ class Scale(_Operation):
 
     op: Literal["scale"] = "scale"
     factors: Factors  # along x, y, z
+    details: Details = "stretch"  # of cuboids that change their lengths: they stretch along, or keep their size
 
 
 class Set(_Operation):
@@ -169,6 +174,7 @@ class Set(_Operation):
     op: Literal["set"] = "set"
     parameter: Parameter  # as `cagesdf inspect RUN --shape ID` lists them
     value: Value  # lengths in the program's unit, places as shares
+    details: Details = "stretch"  # of cuboids that change their lengths: they stretch along, or keep their size
 
 
 class Swap(_Operation):
@@ -196,6 +202,7 @@ class Mix(_Operation):
     weight: Weight = 1.0  # 0: the style stays, 1: it becomes the other's
     mirror: Switch = True  # parts that mirror these take the style of the parts that correspond to them
     repeat: Switch = True  # parts that repeat these do so, too
+    details: Details = "stretch"  # they stretch with the cuboid, or keep the size that they have in the other shape
 
 
 class Style(_Operation):

@@ -125,7 +125,7 @@ def state_field(run: Run, state: State) -> CageField:
             own = state.seen_as(part) if step.cage is None else step.part
             # At both ends of the way, lerp gives the end itself, to the last bit.
             codes[row] = torch.lerp(codes[row], known[key][cage.part_ids.index(own)], step.weight)
-    return CageField(run.decoder, codes, state.cage)
+    return CageField(run.decoder, codes, state.cage, state.evaluated())
 
 
 def model_of(found: Extraction, state: State) -> Model:

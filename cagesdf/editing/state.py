@@ -36,6 +36,9 @@ class State:
     stretch: Float[ndarray, " 3"]  # of the whole since it was opened, along the canonical axes
     # By id, for parts with a style of their own: steps from the code that latent and `seen` give, in order.
     part_styles: Mapping[str, tuple[PartStyle, ...]] = field(default_factory=dict)
+    # By id, for parts whose details keep their size: lengths of the cuboid in which they have it, canonical. There the
+    # network is evaluated, and the surface is resized to the part's own cuboid.
+    kept: Mapping[str, Float[ndarray, " 3"]] = field(default_factory=dict)
     # By id, for parts that came after `seen`: the part of it whose code they have.
     like: Mapping[str, str] = field(default_factory=dict)
 
@@ -51,6 +54,18 @@ class State:
     def seen_by_part(self) -> Cage:
         """The cuboids of `seen` whose codes the parts have."""
         return Cage.of({part: self.seen[self.seen_as(part)] for part in self.cage.part_ids})
+
+    def evaluated(self) -> Cage:
+        """The cuboids that the network is evaluated in."""
+        if not self.kept:
+            return self.cage
+        size = [self.kept.get(part, own) for part, own in zip(self.cage.part_ids, self.cage.size)]
+        return replace(self.cage, size=np.array(size))
+
+    def evaluated_in(self, lengths: Mapping[str, Float[ndarray, " 3"]]) -> "State":
+        """The state whose details keep the size that they have in cuboids of these lengths, by id."""
+        own = dict(zip(self.cage.part_ids, self.cage.size))
+        return replace(self, kept={part: kept for part, kept in lengths.items() if (kept != own[part]).any()})
 
     def with_cage(self, cage: Cage) -> "State":
         """The same parts in other cuboids."""

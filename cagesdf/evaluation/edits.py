@@ -11,7 +11,7 @@ from numpy import ndarray
 from cagesdf.cuboid import Cage
 from cagesdf.distance import SurfaceDistance
 from cagesdf.evaluation.surfaces import Truth
-from cagesdf.evaluation.trials import SWAPS, Trial
+from cagesdf.evaluation.trials import STYLED, Trial
 from cagesdf.matching import touching
 from cagesdf.meshes import Mesh, sample_surface
 
@@ -129,10 +129,10 @@ def edit_row(arm: str, trial: Trial, figures: Mapping[str, float]) -> Row:
 
 
 def with_gains(rows: Iterable[Row], references: Iterable[Row]) -> list[Row]:
-    """The rows with the gain of swaps: the share of the way from the unchanged shape to the truth that they go."""
+    """The rows with gains of swaps and mixes: the share of the way from the unchanged shape to the truth they go."""
     distance = {row["trial_id"]: row["distance_detail"] for row in references if row["arm"] == "unchanged"}
     return [
-        row | {"gain": 1 - row["distance_detail"] / distance[row["trial_id"]]} if row["kind"] in SWAPS else row
+        row | {"gain": 1 - row["distance_detail"] / distance[row["trial_id"]]} if row["kind"] in STYLED else row
         for row in rows
     ]
 
@@ -145,6 +145,6 @@ def definitions(points: int, detail: float, seed: int) -> dict[str, Any]:
         "points": points,
         "detail": detail,
         "seed": seed,
-        "box_warp": "the truth by construction of sequences, local and beyond; a reference for swap and bent",
-        "keep_warp": "a reference for swap: parts warped so that details keep their size in the files' unit",
+        "box_warp": "the truth by construction of sequences, local and beyond; a reference for swap, mix and bent",
+        "keep_warp": "a reference for swap and mix_keep: parts warped, details keep their size in the files' unit",
     }

@@ -5,7 +5,7 @@ size. They are made into the cuboids that the network is given. These may be tur
 axis against the recipe's own, because nothing about such a part says how its cuboid should lie.
 """
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -16,7 +16,7 @@ from numpy import ndarray
 from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import aligned_cage, deform_shape, keep_details
 from cagesdf.distance import SurfaceDistance
-from cagesdf.evaluation.trials import Trial, trial_of
+from cagesdf.evaluation.trials import MIXES, Trial, trial_of
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import Shape
 from cagesdf.synthesis.dataset import cage_of, fill_cuboids
@@ -76,6 +76,39 @@ def swap_trials(
     key = {"name": styled.shape_id, "style_of": styled.shape_id}
     swap = _with_changed(trial_of("swap", shape.shape_id, rest, other, **key), other, of_part)
     return swap, _with_changed(trial_of("warp", shape.shape_id, rest, warped, **key), warped, of_warped)
+
+
+def mix_trials(
+    shape: Shape,
+    rest: Cage,
+    styled: Shape,
+    styled_rest: Cage,
+    recipes: Mapping[str, Recipe],
+    rng: np.random.Generator,
+) -> tuple[Trial, ...]:
+    """The cuboids of `shape` with the style of `styled` in the parts of one label: one trial for each of MIXES.
+
+    The label is drawn among those that show the style and that not all parts have. Without one there is no trial.
+    """
+    labels = {part.part_id: part.label for part in shape.parts}
+    words = sorted(set(labels.values()))
+    for word in rng.permutation(words).tolist() if len(words) > 1 else []:
+        parts = [part_id for part_id in rest.part_ids if labels[part_id] == word]
+        recipe, warp = swap_trials(shape, rest, styled, styled_rest, recipes, parts)
+        if recipe.changed.any():
+            pattern, name = "|".join(parts), f"{shape.shape_id}/{styled.shape_id}"
+            return tuple(
+                replace(trial, kind=kind, trial_id=f"{kind}/{name}", part_id=pattern)
+                for kind, trial in zip(MIXES, (recipe, warp, recipe), strict=True)
+            )
+    return ()
+
+
+def kept_parts(styled: Shape, styled_rest: Cage, shape: Shape, rest: Cage, parts: Container[str]) -> Iterator[Mesh]:
+    """A mix without a network: the parts of `shape`, some of them those of `styled`, whose details keep their size."""
+    kept, taken = keep_warp(styled, styled_rest, shape, rest)
+    own = {part.part_id: part.mesh for part in shape.parts}
+    return (mesh if part_id in parts else own[part_id] for part_id, mesh in zip(taken, kept))
 
 
 def _with_changed(trial: Trial, meshes: list[Mesh], different: Bool[ndarray, " p"]) -> Trial:

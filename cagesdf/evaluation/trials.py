@@ -14,8 +14,11 @@ from cagesdf.meshes import Mesh
 from cagesdf.shape import Shape
 from cagesdf.solid import union
 
-KINDS = ("rest", "local", "beyond", "bent", "swap", "warp")
-SWAPS = ("swap", "warp")  # those with another shape's style
+SWAPS = ("swap", "warp")  # those with another shape's style, by truth: the recipe's, the box-warp's
+# Those with another shape's style in some parts. The third has the recipe's truth, too, and details keep their size.
+MIXES = ("mix", "mix_warp", "mix_keep")
+STYLED = (*SWAPS, *MIXES)
+KINDS = ("rest", "local", "beyond", "bent", *STYLED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +29,7 @@ class Trial:
     kind: str  # one of KINDS
     shape_id: str  # whose cuboids these are, or were before they moved
     style_of: str  # whose latent the network is given
-    part_id: str  # the one whose cuboid was edited; "" where it isn't one alone
+    part_id: str  # the one whose cuboid was edited, of mixes those that take the style, joined by |; "" for the others
     cage: Cage  # what the network is given, canonical
     truth: Mesh  # closed, outward, canonical
     changed: Bool[ndarray, " f"]  # faces of the truth that belong to parts whose style changed; all where none did

@@ -24,17 +24,24 @@ CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTE
 class CageField:
     """A signed distance for each cuboid of a cage, of which the union of what they hold is the shape."""
 
-    def __init__(self, decoder: Decoder, codes: Float[Tensor, "p k"], cage: Cage) -> None:
-        """`decoder` is in evaluation mode and on `codes`' device; the codes are of the cage's parts, in their order."""
+    def __init__(
+        self, decoder: Decoder, codes: Float[Tensor, "p k"], cage: Cage, evaluated: Cage | None = None
+    ) -> None:
+        """`decoder` is in evaluation mode and on `codes`' device; the codes are of the cage's parts, in their order.
+
+        `evaluated` are the cuboids that the network is evaluated in: the cage's, some with other lengths. A part's
+        surface is resized from one to the other with details that keep their size (`resizing`). None: no part's is.
+        """
         self.decoder = decoder
         self.codes = codes
         self.cage = cage
+        self.evaluated = cage if evaluated is None else evaluated
         self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and what it does to the layers
 
     def keys(self) -> tuple[bytes, ...]:
         """For each cuboid, all that its values follow from but the decoder."""
-        codes = self.codes.cpu().numpy()
-        return tuple(code.tobytes() + vector.tobytes() for code, vector in zip(codes, self.cage.vectors()))
+        codes, cuboids = self.codes.cpu().numpy(), np.hstack([self.cage.vectors(), self.evaluated.size])
+        return tuple(code.tobytes() + numbers.tobytes() for code, numbers in zip(codes, cuboids))
 
     @torch.inference_mode()
     def reach(self, cuboid: int) -> float:
@@ -83,7 +90,7 @@ class CageField:
         return self._given[cuboid]
 
     def _vector(self, cuboid: int) -> Float[Tensor, "1 15"]:
-        return torch.from_numpy(self.cage.vectors()[cuboid : cuboid + 1]).to(self.codes)
+        return torch.from_numpy(self.evaluated.vectors()[cuboid : cuboid + 1]).to(self.codes)
 
 
 def field_of(decoder: Decoder, latent: Float[Tensor, " d"], cage: Cage, seen: Cage | None = None) -> CageField:

@@ -6,12 +6,14 @@ from functools import partial
 import numpy as np
 from manifold3d import Manifold
 
+from cagesdf.cuboid import Cage
 from cagesdf.extraction.asking import Method
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import drawn, march
 from cagesdf.extraction.merging import merged
 from cagesdf.meshes import Mesh
+from cagesdf.resizing import keeping_warp, vulnerability
 from cagesdf.solid import as_manifold, from_manifold
 
 # A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
@@ -46,8 +48,11 @@ class Part:
 
 
 def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
-    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units."""
-    lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, fineness.least)
+    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units.
+
+    Cells are of the cuboid that the network is evaluated in.
+    """
+    lattice = Lattice.of(field.evaluated[field.cage.part_ids[cuboid]], cell, fineness.least)
     answers = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
     asked = answers.asked
     marched = march(answers.values, lattice)
@@ -57,4 +62,19 @@ def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, meth
     mesh, drawn_by = drawn(merged(marched, lattice), partial(field.ask, cuboid=cuboid), lattice)
     del marched
     solid = as_manifold(mesh).simplify(fineness.even * float(lattice.steps.min()))
-    return Part(from_manifold(solid), solid, vertices, clipped, asked + drawn_by)
+    mesh = from_manifold(solid)
+    if len(mesh.faces) and (field.evaluated.size[cuboid] != field.cage.size[cuboid]).any():
+        mesh = with_details_kept(mesh, field.evaluated, field.cage, cuboid, lattice)
+        solid = as_manifold(mesh)
+    return Part(mesh, solid, vertices, clipped, asked + drawn_by)
+
+
+def with_details_kept(mesh: Mesh, evaluated: Cage, cage: Cage, cuboid: int, lattice: Lattice) -> Mesh:
+    """A closed part resized from one cuboid to another of other lengths; its details keep their size. Canonical.
+
+    It stays within the cuboid, as closed as before. `lattice` is the one that the part was evaluated on.
+    """
+    unit = mesh.with_vertices(evaluated.to_unit(mesh.vertices, cuboid).clip(-0.5, 0.5))
+    before, after = evaluated.size[cuboid], cage.size[cuboid]
+    warp = keeping_warp(vulnerability(unit, before, 1 / lattice.cells), before, after)
+    return mesh.with_vertices(cage.from_unit(warp(unit.vertices), cuboid))

@@ -1,7 +1,7 @@
 """`edits/`: the arms' results in the trials.
 
 edits.parquet     one row an arm and trial
-surfaces.parquet  the surfaces of swaps, a row group each
+surfaces.parquet  the surfaces of swaps and mixes, a row group each
 """
 
 from collections.abc import Iterable, Mapping
@@ -21,7 +21,7 @@ PERCENT = "% of the longest side of the true bounding box"
 MEANINGS = {
     "distance": f"mean exact distance to the other surface, mean of both directions, {PERCENT}",
     "distance_detail": "the same of the detail of the parts whose style changed; NaN where there is none",
-    "gain": "1 - distance_detail / that of the unchanged shape; NaN but for swap and warp",
+    "gain": "1 - distance_detail / that of the unchanged shape; NaN but for swaps and mixes",
     "refit": "mean % of a cuboid's length that its part leaves free at an end which the true surface reaches",
     "overshoot": f"largest distance of a vertex outside all cuboids, {PERCENT}",
     "symmetry": f"mean distance to the mirror image, {PERCENT}; NaN but for symmetric cages at rest",
@@ -34,7 +34,9 @@ EDITS = Layout(
     (
         Column("arm", pa.string(), "what gave the surface"),
         Column("trial_id", pa.string(), "of the trials that it was tried on"),
-        Column("kind", pa.string(), "rest, local, beyond, bent, swap or warp: see docs/metrics.md"),
+        Column(
+            "kind", pa.string(), "rest, local, beyond, bent, swap, warp, mix, mix_warp or mix_keep: see docs/metrics.md"
+        ),
         Column("shape_id", pa.string(), "whose cuboids these are, or were before they moved"),
         Column("style_of", pa.string(), "whose latent a network is given"),
         *(Column(name, pa.float64(), meaning) for name, meaning in MEANINGS.items()),

@@ -27,10 +27,14 @@ TRIALS = Layout(
     1,
     (
         Column("trial_id", pa.string(), "unique in its category"),
-        Column("kind", pa.string(), "rest, local, beyond, bent, swap or warp: see docs/metrics.md"),
+        Column(
+            "kind", pa.string(), "rest, local, beyond, bent, swap, warp, mix, mix_warp or mix_keep: see docs/metrics.md"
+        ),
         Column("shape_id", pa.string(), "whose cuboids these are, or were before they moved"),
         Column("style_of", pa.string(), "whose latent a network is given"),
-        Column("part_id", pa.string(), "the part whose cuboid was edited, empty where it isn't one alone"),
+        Column(
+            "part_id", pa.string(), "the part whose cuboid was edited; of mixes those that take the style, joined by |"
+        ),
         Column("part_ids", pa.list_(pa.string()), "of the cuboids"),
         Column("cuboids", pa.list_(pa.float64()), "of each cuboid: centre (3), axes by rows (9), full lengths (3)"),
         Column("vertices", pa.list_(pa.float32()), "x, y, z of each vertex of the true surface in turn"),

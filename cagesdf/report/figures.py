@@ -36,6 +36,15 @@ EDITS = (
     ),
     EditColumn("swap", "gain", "positive", "gain > 0", True, "share of the swaps that come nearer to the truth."),
     EditColumn("swap", "distance_detail", "median", "swap, %", False, "d(swap, truth), median, % of the longest side."),
+    EditColumn(
+        "mix", "gain", "median", "mix gain", True,
+        "the gain of swaps, but the parts of one label alone take the other shape’s style. The truth is the recipe’s.",
+    ),
+    EditColumn("mix_warp", "gain", "median", "mix, as taught", True, "the same against those parts, warped."),
+    EditColumn(
+        "mix_keep", "gain", "median", "details kept", True,
+        "mix gain where details keep the size that they have in the other shape (details: keep), against the recipe.",
+    ),
     EditColumn("rest", "distance", "mean", "rest, %", False, "distance to the true surface without any edit."),
     EditColumn(
         "local", "distance", "mean", "one cuboid, %", False,

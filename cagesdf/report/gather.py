@@ -66,6 +66,7 @@ def read_category(
         if deformations
         else Grid((), (), (), ()),
         swaps(source, read_trials(trials), edits),
+        mixes(source, read_trials(trials), edits),
         strip(source, new, generation, drawn),
         failures(new, generation),
         {arm: read_losses(runs[arm]) for arm in in_order(runs)},
@@ -152,6 +153,28 @@ def swaps(source: ShapeFolder, trials: TrialFolder, edits: Path) -> Grid:
         names.append(f"{what} gain, {row['gain']:.2f}: {row['shape_id']} in the style of {row['style_of']}")
     columns = ("cuboids of", "style of", *arms, "ground truth")
     return Grid(columns, (False,) * len(columns), tuple(names), tuple(scenes))
+
+
+def mixes(source: ShapeFolder, trials: TrialFolder, edits: Path) -> Grid:
+    """Three mixes of the first arm that has any, evenly spread by gain: with details stretched, and kept."""
+    rows = [row for row in read_edits(edits / "edits.parquet")[0] if row["kind"] == "mix"]
+    arms = in_order({row["arm"] for row in rows})
+    first = [row for row in rows if row["arm"] in arms[:1] and not math.isnan(row["gain"])]
+    ranked = sorted(first, key=lambda row: row["gain"])
+    scenes, names = [], []
+    for row in spread(ranked, 3):
+        labels = source.structure(row["shape_id"]).labels()
+        keep = row["trial_id"].replace("mix/", "mix_keep/", 1)
+        shown = [
+            *(join([part.mesh for part in source.read(row[name]).parts]) for name in ("shape_id", "style_of")),
+            *(read_edit_surface(edits, row["arm"], trial_id) for trial_id in (row["trial_id"], keep)),
+            trials.read(row["trial_id"]).truth,
+        ]
+        scenes.append(tuple(Scene((mesh,), (CLAY,)) for mesh in shown))
+        mixed = labels[trials.rows[row["trial_id"]]["part_id"].split("|")[0]]
+        names.append(f"{row['shape_id']}, {mixed} in the style of {row['style_of']}")
+    columns = ("shape", "style of", "details stretched", "details kept", "ground truth")
+    return Grid(columns, (False,) * len(columns), tuple(names), tuple(scenes)) if names else Grid((), (), (), ())
 
 
 def part_colours(shape: Shape) -> tuple[str, ...]:

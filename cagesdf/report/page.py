@@ -18,7 +18,8 @@ from cagesdf.report.chart import Curve, log_chart
 from cagesdf.report.grid import Grid
 from cagesdf.report.views import write_views
 
-GRIDS = ("fitting", "comparison", "sequence", "swaps", "generated", "failures")  # of `Category`, as they are shown
+# Of `Category`, as they are shown.
+GRIDS = ("fitting", "comparison", "sequence", "swaps", "mixes", "generated", "failures")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class Category:
     comparison: Grid  # shapes × (cuboids, ground truth, arms)
     sequence: Grid  # (ground truth, arms) × steps of one deformation
     swaps: Grid  # swaps × (cuboids of, style of, arms, ground truth)
+    mixes: Grid  # mixes × (shape, style of, mixed, the same with details kept, ground truth)
     generated: Grid  # (generated shapes, nearest training shapes) of each method × ranks of their distance
     failures: Grid  # methods × (farthest, most pieces)
     losses: Mapping[str, Curve]  # by arm

@@ -39,7 +39,8 @@ def results_page(tables: Tables) -> str:
         "held_out": held_out(tables),
         "surfaces": surfaces(tables),
         "chamfer": chamfer(tables),
-        "gains": gains(tables),
+        "swaps": gains(tables, {"warp": "warp", "swap": "recipe"}),
+        "mixes": gains(tables, {"mix_warp": "warp", "mix": "recipe", "mix_keep": "details kept"}),
         "generation": generation(tables),
     }
     return environment.get_template("results.md.j2").render(known)
@@ -137,8 +138,8 @@ def chamfer(tables: Tables) -> str:
     return markdown(["", *names, *(f"paper: {name}" for name in names)], rows)
 
 
-def gains(tables: Tables) -> str:
-    """Median gains of swaps against both truths, by category."""
+def gains(tables: Tables, kinds: Mapping[str, str]) -> str:
+    """Median gains of kinds of trials, which have the title of a column each, by category; "" if there are none."""
     names = _categories(tables)
     edits = tables["edits"]["categories"]
 
@@ -147,9 +148,10 @@ def gains(tables: Tables) -> str:
         return f"{figures['gain']['median']:.2f}".replace("-", "−") if figures else "–"
 
     of_first = edits[names[0]]
-    arms = [arm for arm in [*in_order(of_first), "box_warp", "keep_warp"] if "swap" in of_first.get(arm, {})]
-    rows = [[f"`{arm}`", *(gain(name, arm, kind) for name in names for kind in ("warp", "swap"))] for arm in arms]
-    return markdown(["", *(title for name in names for title in (f"{name}: warp", "recipe"))], rows)
+    arms = [arm for arm in [*in_order(of_first), "box_warp", "keep_warp"] if kinds.keys() & of_first.get(arm, {})]
+    rows = [[f"`{arm}`", *(gain(name, arm, kind) for name in names for kind in kinds)] for arm in arms]
+    first, *others = kinds.values()
+    return markdown(["", *(title for name in names for title in (f"{name}: {first}", *others))], rows) if rows else ""
 
 
 def generation(tables: Tables) -> str:

@@ -70,6 +70,7 @@ class Panel:
     mirror: Any
     repeat: Any
     attach: Any
+    details: Any
     snap: Any
     shown: Any
     truth: Any
@@ -170,6 +171,9 @@ class Panel:
         self.mirror = gui.add_checkbox("Mirrors follow", True, hint="parts that mirror these")
         self.repeat = gui.add_checkbox("Repeats follow", True, hint="parts that repeat these")
         self.attach = gui.add_checkbox("Attached follow", True, hint="what touches stays in contact")
+        self.details = gui.add_dropdown(
+            "Details", ("stretch", "keep"), hint="of parts that change their lengths: stretch along, or keep their size"
+        )
         self.snap = gui.add_checkbox("Snap to contact", True)
         self.program = gui.add_folder("Through the program", expand_by_default=False)
         with self.program:

@@ -538,8 +538,9 @@ class Tab:
 
     @property
     def _followers(self) -> dict[str, Any]:
-        """Who follows an operation."""
-        return {"mirror": self._mirror, "repeat": self._repeat, "attach": bool(self._panel.attach.value)}
+        """Who follows an operation, and how."""
+        attach, details = bool(self._panel.attach.value), self._panel.details.value
+        return {"mirror": self._mirror, "repeat": self._repeat, "attach": attach, "details": details}
 
     def _place(self, centre: tuple[float, float, float]) -> None:
         state = self._document.state
@@ -564,7 +565,7 @@ class Tab:
 
     def _set(self, parameter: str, value: float) -> None:
         if parameter != NOTHING:
-            self._do(Set(parameter=parameter, value=value), ("set", parameter))
+            self._do(Set(parameter=parameter, value=value, details=self._panel.details.value), ("set", parameter))
 
     def _blend(self, shape_id: str, weight: float) -> None:
         if shape_id != NOTHING:
@@ -573,7 +574,8 @@ class Tab:
     def _mix(self, shape_id: str, weight: float) -> None:
         if shape_id == NOTHING:
             return
-        mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, mirror=self._mirror, repeat=self._repeat)
+        follow = {"mirror": self._mirror, "repeat": self._repeat, "details": self._panel.details.value}
+        mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, **follow)
         self._do(mix, ("mix", self._selected, shape_id))
 
     def _direct(self, direction: int, place: float) -> None:
