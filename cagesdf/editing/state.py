@@ -36,6 +36,8 @@ class State:
     stretch: Float[ndarray, " 3"]  # of the whole since it was opened, along the canonical axes
     # By id, for parts with a style of their own: steps from the code that latent and `seen` give, in order.
     part_styles: Mapping[str, tuple[PartStyle, ...]] = field(default_factory=dict)
+    # By id of parts of `seen`: what is added to their codes, as `cagesdf fit` finds it for a shape's own parts.
+    residuals: Mapping[str, Float32[ndarray, " k"]] = field(default_factory=dict)
     # By id, for parts that came after `seen`: the part of it whose code they have.
     like: Mapping[str, str] = field(default_factory=dict)
 

@@ -19,7 +19,12 @@ class Styles:
     """The styles of a run's shapes."""
 
     shapes: Mapping[str, State]  # at rest, as opened, by shape id
-    by_part: bool  # each part has a code of its own, so that parts of several shapes can be mixed
+    code_dim: int | None  # numbers of a part's code; None: it is the latent itself, and parts can't be mixed
+
+    @property
+    def by_part(self) -> bool:
+        """Whether each part has a code of its own, so that parts of several shapes can be mixed."""
+        return self.code_dim is not None
 
     def named(self, shape_id: str) -> State:
         """The shape that has a style. Raises InputError if there is none."""
