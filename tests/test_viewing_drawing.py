@@ -83,9 +83,10 @@ class Wall:
 def test_pictures_are_drawn_once_in_order_and_forgotten_owners_get_none(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, wall, go = [], Wall(), threading.Event()
+    made, wall, begun, go = [], Wall(), threading.Event(), threading.Event()
 
     def drawn(self: Thumbnails, states: list[int]) -> list[Picture]:
+        begun.set()
         go.wait(PATIENCE)
         made.extend(states)
         return [np.full((2, 2, 3), state, np.uint8) for state in states]
@@ -96,6 +97,7 @@ def test_pictures_are_drawn_once_in_order_and_forgotten_owners_get_none(
     pictures = Thumbnails(session)
     states = {str(number): (lambda number=number: number) for number in range(6)}
     pictures.want("first", {key: states[key] for key in "01"}, wall.put)
+    assert begun.wait(PATIENCE)
     pictures.want("second", {key: states[key] for key in "2345"}, wall.put)
     pictures.want("third", {"5": states["5"]}, wall.put)
     pictures.want("urgent", {"4": states["4"]}, wall.put, urgent=True)

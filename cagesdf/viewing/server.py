@@ -77,10 +77,10 @@ class Server(viser.ViserServer):
         with _answering(OWN_PAGES if host in LOOPBACK else None):
             super().__init__(host, port, label="cagesdf", verbose=False)
 
-    def browser_of(self, client: viser.ClientHandle) -> str:
+    def browser_of(self, client: int) -> str:
         """The token of the browser that a page is open in; one that takes no cookies has another with each page."""
         # viser doesn't tell who its clients are.
-        connection = self._websock_server._live_connections.get(client.client_id)
+        connection = self._websock_server._live_connections.get(client)
         request = None if connection is None else connection.request
         return (None if request is None else _token(request.headers, self.get_port())) or new_token()
 
@@ -109,6 +109,7 @@ class Editor:
         first, camera = next(iter(runs.values())), self.server.initial_camera
         cage = first.session.opened(first.first).cage
         camera.position, camera.look_at = camera_for(cage, np.array(VIEWS["Perspective"]), camera.fov, 1.0)
+        threading.Thread(target=first.codes, name="codes", daemon=True).start()  # nobody shall wait for it later
         self.server.on_client_connect(self._come)
         self.server.on_client_disconnect(self._leave)
 
@@ -145,7 +146,7 @@ class Editor:
             client.scene.remove_click_callback()
             client.gui.reset()
             client.scene.reset()
-        page = Page(self._drafts, self.server.browser_of(client), next(self._numbers), self._open_pages)
+        page = Page(self._drafts, self.server.browser_of(client.client_id), next(self._numbers), self._open_pages)
         tab = Tab(client, self._runs, run, partial(self._open, client), self._pool, np.random.default_rng(), page)
         with self._lock:
             self._tabs[client.client_id] = page, tab
@@ -172,12 +173,7 @@ def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[N
     the library itself, which others in this process may use, stays as it is.
     """
     library = viser_sockets.websockets
-
-    def serve(*arguments: Any, process_request: Callable[..., Response | None], **options: Any) -> sockets.serve:
-        answer = partial(_with_token, process_request)
-        return sockets.serve(*arguments, process_request=answer, origins=origins, **options)
-
-    serving_these = SimpleNamespace(**vars(sockets) | {"serve": serve})
+    serving_these = SimpleNamespace(**vars(sockets) | {"serve": partial(_serve, origins=origins)})
     asynchronous = SimpleNamespace(**vars(library.asyncio) | {"server": serving_these})
     with _opening:
         viser_sockets.websockets = SimpleNamespace(**vars(library) | {"asyncio": asynchronous})  # type: ignore[assignment]
@@ -185,6 +181,10 @@ def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[N
             yield
         finally:
             viser_sockets.websockets = library
+
+
+def _serve(*arguments: Any, process_request: Callable[..., Response | None], **options: Any) -> sockets.serve:
+    return sockets.serve(*arguments, process_request=partial(_with_token, process_request), **options)
 
 
 def _with_token(

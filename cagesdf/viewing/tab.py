@@ -179,7 +179,7 @@ class Tab:
             tuple(runs),
             run,
             sorted(opened.session.run.sequences),
-            [(float(low), float(high)) for low, high in opened.styles.ends],
+            [(round(float(low), 2), round(float(high), 2)) for low, high in opened.styles.ends],
             opened.generator is not None,
             self._guarded,
         )
@@ -862,7 +862,8 @@ def _in_words(draft: Draft, now: float) -> str:
     changes = len(draft.script) - draft.made
     minutes = max(now - draft.time, 0) / 60
     age = "just now" if minutes < 1 else f"{minutes:.0f} min ago" if minutes < 60 else f"{minutes / 60:.0f} h ago"
-    return f"Continue {draft.name}: {changes} change{'s' * (changes != 1)}, {age}"
+    what = f"{changes} change{'s' * (changes != 1)}" if changes else "as it was made"
+    return f"Continue {draft.name}: {what}, {age}"
 
 
 def _only(cage: Cage, parts: Sequence[str]) -> Cage:

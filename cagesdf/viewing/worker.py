@@ -121,5 +121,5 @@ class Worker:
 
         wanted = list(cuboids)
         for done, part in enumerate(self._pool.map(checked, wanted)):
-            yield part
             self._tell((done + 1) / len(wanted))
+            yield part
