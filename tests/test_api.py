@@ -38,6 +38,7 @@ EDITS: list[tuple[str, dict[str, Any]]] = [
     ("blend", {"style_of": "a", "weight": 0.3}),
     ("mix", {"part": "leg_*|back", "style_of": "b", "weight": 0.7}),
     ("style", {"code": (0.5, -0.25, 0.125, 1.0)}),
+    ("style", {"code": (0.5, 0.25, 0.125, 1.0), "residuals": {"leg_*": (0.1, 0.0, -0.1, 0.0, 0.2, 0.0)}}),
     ("harmonise", {}),
     ("add", {"name": "shelf", "centre": (0.1, 0.2, 0.5), "lengths": (0.4, 0.4, 0.05)}),
 ]
@@ -243,6 +244,7 @@ def test_a_fitted_shape_has_the_bytes_of_the_one_that_the_command_writes(
     shape = cagesdf.load_run(run_folder).fit(source, seed=3)
     shape.save(tmp_path / "api.ply", 24)
     assert (tmp_path / "api.ply").read_bytes() == (tmp_path / "out" / "surface.ply").read_bytes()
+    assert shape.editable().extract(24).mesh.vertices.tobytes() == shape.extract(24).mesh.vertices.tobytes()
     edited = shape.editable().move("a", by=(0.1, 0.0, 0.0), mirror=False)
     assert edited.cuboids["a"].centre[0] == pytest.approx(shape.cuboids["a"].centre[0] + 0.1)
 

@@ -25,7 +25,7 @@ from cagesdf.structure.relations import Reflection
 
 IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
 LABELS = {"Base/Side/leg": "leg", "Base/cube1/leg": "leg", "seat": "seat", "arm": "arm", "cube4": "arm"}
-STYLES = Styles({}, by_part=True)
+STYLES = Styles({}, code_dim=6)
 
 
 def box(centre: tuple[float, float, float], size: tuple[float, float, float], degrees: float = 0) -> Cuboid:

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from test_editing_attachments import box, state_of
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.health import FINEST, HELD, STEP, Health
 from cagesdf.editing.state import State
-from cagesdf.extraction import Extraction
+from cagesdf.extraction import USUAL, Extraction
+from cagesdf.extraction.lattice import Lattice
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh, join
-from cagesdf.solid import cage_surface, union
+from cagesdf.solid import cage_surface, thickness, union
 
 
 def found(parts: dict[str, Mesh]) -> Extraction:
@@ -77,3 +79,17 @@ def test_more_components_than_groups_of_cuboids_are_warned_of() -> None:
     assert (health.components, health.expected, health.closed) == (2, 1, True)
     assert "2 pieces" in health.warnings()[0]
     assert str(health).startswith("closed, 2 components, thinnest")
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.01, 0.3), st.floats(0, 90), st.integers(16, 512))
+def test_cells_through_a_part_are_its_thickness_once_the_lattice_s_steps_are_units(
+    thick: float, degrees: float, resolution: int
+) -> None:
+    axes = Rotation.from_rotvec([0.0, np.deg2rad(degrees), 0.0]).as_matrix()
+    cuboid = Cuboid(np.array([0.1, 0.2, 0.0]), axes, np.array([0.6, 0.5, 0.3]))
+    mesh = solid(Cuboid(cuboid.centre, axes, np.array([0.5, 0.4 * thick, 0.2])))
+    steps = Lattice.of(cuboid, 2 * HALF_EXTENT / resolution, USUAL.least).steps
+    expected = thickness(mesh.with_vertices((mesh.vertices - cuboid.centre) @ axes.T / steps))
+    state = state_of({"part": cuboid})
+    assert Health.of(found({"part": mesh}), state, resolution).cells == pytest.approx(expected)

@@ -52,7 +52,7 @@ def chair() -> State:
     return State.opened(structure.cage(), structure, LATENTS["a"], Z_UP)
 
 
-STYLES = Styles({name: replace(chair(), latent=latent) for name, latent in LATENTS.items()}, by_part=True)
+STYLES = Styles({name: replace(chair(), latent=latent) for name, latent in LATENTS.items()}, code_dim=3)
 
 
 def turned(degrees: float) -> np.ndarray:

@@ -11,7 +11,21 @@ from untrained import untrained
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.editing.operations import apply, edited
-from cagesdf.editing.script import Build, Harmonise, Mix, Move, Operation, Resize, Style, Swap, Undo, dump, parse
+from cagesdf.editing.script import (
+    Blend,
+    Build,
+    Duplicate,
+    Harmonise,
+    Mix,
+    Move,
+    Operation,
+    Resize,
+    Style,
+    Swap,
+    Undo,
+    dump,
+    parse,
+)
 from cagesdf.editing.session import Session, state_field
 from cagesdf.editing.state import History, State
 from cagesdf.editing.styles import Styles, corresponding
@@ -197,7 +211,7 @@ def test_parts_that_mirror_or_repeat_mixed_ones_follow_unless_told_not_to(
 ) -> None:
     state = linked_bars(relation)
     other = replace(state, latent=np.ones(4, np.float32))
-    styles = Styles({"other": other}, by_part=True)
+    styles = Styles({"other": other}, code_dim=6)
     followed = edited(state, (Mix(part=part, style_of="other"),), styles).present.part_styles
     # Each has the code of the part that corresponds to it.
     assert {name: step.part for name, [step] in followed.items()} == {"1": "1", "2": "2"}
@@ -294,6 +308,49 @@ def test_a_script_with_a_mix_leads_to_the_same_after_it_was_written(session: Ses
 
 def test_an_arm_whose_parts_have_no_codes_refuses() -> None:
     session = untrained()
-    styles = Styles(session.styles.shapes, by_part=False)
+    styles = Styles(session.styles.shapes, code_dim=None)
     with pytest.raises(InputError, match=r"operation 0: mix: this arm has one style for the whole shape"):
         edited(session.opened("a"), (Mix(part="seat", style_of="b"),), styles)
+
+
+RESIDUAL = (0.5, -0.25, 0.0, 1.0, 0.0, 2.0)
+
+
+def codes_after(session: Session, *script: Operation) -> dict[str, np.ndarray]:
+    """By part, the code that a script leads to."""
+    state = session.edited(session.opened("a"), script).present
+    return dict(zip(state.cage.part_ids, state_field(session.run, state).codes.numpy()))
+
+
+def style(session: Session, **residuals: tuple[float, ...]) -> Style:
+    return Style(code=tuple(session.opened("a").latent.tolist()), residuals=residuals or None)
+
+
+def test_residuals_are_added_to_the_codes_of_the_parts_that_they_name_alone(session: Session) -> None:
+    plain, given = codes_after(session), codes_after(session, *parse(dump([style(session, seat=RESIDUAL)])))
+    for part in plain:
+        np.testing.assert_array_equal(given[part], plain[part] + np.float32(RESIDUAL) * (part == "seat"))
+
+
+def test_a_copy_has_its_original_s_residual_also_once_it_is_harmonised(session: Session) -> None:
+    copy = Duplicate(part="seat", by=(0.0, 0.0, 1.0), mirror=False)
+    for script in ([copy], [copy, Harmonise()]):
+        plain, given = codes_after(session, *script), codes_after(session, style(session, seat=RESIDUAL), *script)
+        changed = {part for part in plain if (plain[part] != given[part]).any()}
+        assert changed == {"seat", *(plain.keys() - codes_after(session).keys())}
+
+
+def test_residuals_fade_on_the_way_to_another_style(session: Session) -> None:
+    begun = style(session, seat=RESIDUAL)
+    for weight in (0.0, 0.5, 1.0):
+        blend = Blend(style_of="b", weight=weight)
+        left = codes_after(session, begun, blend)["seat"] - codes_after(session, blend)["seat"]
+        np.testing.assert_allclose(left, (1 - weight) * np.float32(RESIDUAL), atol=1e-6)
+    np.testing.assert_array_equal(
+        codes_after(session, begun, Swap(style_of="b"))["seat"], codes_after(session, Swap(style_of="b"))["seat"]
+    )
+
+
+def test_residuals_of_another_length_are_refused(session: Session) -> None:
+    with pytest.raises(InputError, match="residuals: seat: 2 numbers; wanted 6"):
+        codes_after(session, style(session, seat=(1.0, 2.0)))

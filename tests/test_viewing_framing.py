@@ -10,13 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from test_editing_attachments import STYLES, box, chair, do, state_of, stool
+from test_editing_attachments import box, chair, do, state_of, stool
 from viser import ClientHandle
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.editing.document import Document
 from cagesdf.editing.parts import parameters
-from cagesdf.editing.script import Build, Duplicate, Rotate, Undo
+from cagesdf.editing.script import Rotate
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -145,16 +144,3 @@ def test_runs_are_called_by_what_tells_them_apart(tmp_path: Path) -> None:
     assert named([chairs, tables]) == {"chair/cagesdf": chairs, "table/cagesdf": tables}
     with pytest.raises(InputError, match="twice"):
         named([chairs, chairs])
-
-
-def test_a_document_has_the_name_of_the_shape_that_is_seen() -> None:
-    first = Document.opened("chair", stool())
-    other = stool()
-    built = PartHierarchy.from_json(other.structure.with_cuboids(other.cage.cuboids()).to_json())  # type: ignore[attr-defined]
-    new = first.then(Build(structure=built.to_json()), STYLES).named("new_1")
-    copied = new.then(Duplicate(part="seat", by=(0.0, 0.1, 0.0)), STYLES)
-    assert (new.name, copied.name) == ("new_1", "new_1")
-    assert copied.undone(STYLES).name == "new_1"
-    assert copied.undone(STYLES).then(Undo(), STYLES).name == "chair"
-    assert copied.undone(STYLES).then(Undo(), STYLES).redone(STYLES).name == "new_1"
-    assert copied.reset().name == "chair"

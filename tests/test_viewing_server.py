@@ -1,7 +1,10 @@
 """Who may talk to the editor: its own page, and no other site's that is open in the same browser."""
 
+import queue
 import socket
 from collections.abc import Iterator
+from email.message import Message
+from urllib.request import Request, urlopen
 
 import pytest
 import test_cli
@@ -14,6 +17,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from cagesdf.errors import InputError
+from cagesdf.viewing.drafts import is_token, new_token
 from cagesdf.viewing.server import OWN_PAGES, PORTS, Server, free_port
 
 command = test_cli.command  # the fixture
@@ -26,11 +30,12 @@ def server() -> Iterator[Server]:
     running.stop()
 
 
-def speak(server: Server, origin: str | None) -> None:
+def speak(server: Server, origin: str | None, headers: dict[str, str] | None = None) -> None:
     socket = connect(
         f"ws://127.0.0.1:{server.get_port()}",
         origin=None if origin is None else Origin(origin),
-        subprotocols=["viser-v1"],  # type: ignore[list-item]
+        subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+        additional_headers=headers,
     )
     socket.close()
 
@@ -97,6 +102,37 @@ def test_a_place_that_can_not_be_listened_at_is_refused_before_anything_waits(
 @pytest.mark.parametrize("options", [("--port", "70000"), ("--host", "203.0.113.7")])
 def test_the_command_says_so_in_one_line_with_status_one(command: Command, options: tuple[str, str]) -> None:
     assert command.complaint("view", "--demo", *options).startswith(f"cagesdf: {' '.join(options)}")
+
+
+def page_of(server: Server, cookie: str = "") -> Message:
+    """The headers that come with the page."""
+    address = f"http://127.0.0.1:{server.get_port()}/"
+    with urlopen(Request(address, headers={"Cookie": cookie} if cookie else {})) as answer:
+        return answer.headers
+
+
+def test_a_browser_gets_a_token_of_its_own_with_the_page_which_no_script_reads_and_keeps_it(server: Server) -> None:
+    first, second = (page_of(server)["Set-Cookie"] for _ in range(2))
+    name, _, token = first.partition(";")[0].partition("=")
+    assert name == f"cagesdf-{server.get_port()}"
+    assert is_token(token)
+    assert token not in second
+    assert {"HttpOnly", "SameSite=Strict", "Path=/"} <= set(first.split("; "))
+    assert page_of(server, f"other=1; {name}={token}")["Set-Cookie"] is None
+    assert page_of(server, f"{name}=short")["Set-Cookie"] is not None
+
+
+def test_a_page_is_known_by_the_token_that_its_browser_sends(server: Server) -> None:
+    token, seen = new_token(), queue.Queue()  # type: ignore[var-annotated]
+    # The callback of viser itself waits for a real page.
+    server._websock_server.on_client_connect(lambda client: seen.put(server.browser_of(client.client_id)))
+    cookie = {"Cookie": f"cagesdf-{server.get_port()}={token}"}
+    for headers in (cookie, cookie, None):
+        speak(server, None, headers)
+    found = [seen.get(timeout=60) for _ in range(3)]
+    assert found[:2] == [token, token]
+    assert is_token(found[2])
+    assert found[2] != token
 
 
 def test_no_page_can_make_it_public(server: Server) -> None:

@@ -22,14 +22,18 @@ def test_directions_without_spread_have_no_slider() -> None:
 def test_a_slider_goes_where_it_says_and_leaves_the_others() -> None:
     space = StyleSpace.of(CODES, 4)
     code = CODES[7].astype(np.float32)
-    there = space.moved(code, 1, 1.5)
+    there = space.moved(code, 1, 1.0)
     expected = space.places(code)
-    expected[1] = 1.5
+    expected[1] = 1.0
     np.testing.assert_allclose(space.places(there), expected, atol=1e-5)
     np.testing.assert_allclose(space.moved(there, 1, float(space.places(code)[1])), code, atol=1e-5)
 
 
-def test_new_codes_without_temperature_are_training_codes() -> None:
-    code = StyleSpace.of(CODES, 4).drawn(np.random.default_rng(1), 0.0)
-    assert code.dtype == np.float32
-    assert np.abs(CODES - code).max(axis=1).min() < 1e-6
+def test_a_slider_ends_where_the_training_codes_do() -> None:
+    space = StyleSpace.of(CODES, 3)
+    places = np.stack([space.places(code) for code in CODES.astype(np.float32)])
+    np.testing.assert_allclose(space.ends, np.stack([places.min(axis=0), places.max(axis=0)], axis=1), atol=1e-4)
+    for direction, (low, high) in enumerate(space.ends):
+        for place, end in ((-100.0, low), (100.0, high)):
+            moved = space.moved(CODES[3].astype(np.float32), direction, place)
+            np.testing.assert_allclose(space.places(moved)[direction], end, atol=1e-4)

@@ -23,11 +23,17 @@ class Seen:
     def __init__(self) -> None:
         self.made: list[Made] = []
         self.failed: list[str] = []
+        self.told: list[float | None] = []
         self._changed = threading.Condition()
 
     def show(self, made: Made) -> None:
         with self._changed:
             self.made.append(made)
+            self._changed.notify()
+
+    def tell(self, done: float | None) -> None:
+        with self._changed:
+            self.told.append(done)
             self._changed.notify()
 
     def fail(self, text: str) -> None:
@@ -48,7 +54,7 @@ def seen() -> Seen:
 @pytest.fixture
 def worker(session: Session, seen: Seen) -> Iterator[Worker]:
     with ThreadPoolExecutor(2) as pool:
-        worker = Worker(session, pool, seen.show, seen.fail)
+        worker = Worker(session, pool, seen.show, seen.tell, seen.fail)
         yield worker
         worker.close()
 
@@ -89,10 +95,29 @@ def test_a_state_that_has_no_surface_is_said_and_the_next_one_is_made(
     seen.until(lambda s: bool(s.made))
 
 
+def test_the_share_that_is_done_grows_to_all_of_it_and_ends(session: Session, worker: Worker, seen: Seen) -> None:
+    worker.want(session.opened("a"))
+    seen.until(lambda s: bool(s.told) and s.told[-1] is None)
+    shares = [share for share in seen.told if share is not None]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+
+
+def test_a_fine_surface_that_is_given_up_is_not_shown_and_a_newer_state_is(
+    session: Session, worker: Worker, seen: Seen
+) -> None:
+    worker.want(session.opened("a"))
+    seen.until(lambda s: bool(s.made))
+    worker.rest()
+    worker.want(at(session, 0.05))
+    seen.until(lambda s: s.made[-1].cells == FINE)
+    assert [made.cells for made in seen.made] == [COARSE, COARSE, FINE]
+
+
 def test_closing_ends_the_thread(session: Session, seen: Seen) -> None:
     before = threading.active_count()
     with ThreadPoolExecutor(1) as pool:
-        workers = [Worker(session, pool, seen.show, seen.fail) for _ in range(3)]
+        workers = [Worker(session, pool, seen.show, seen.tell, seen.fail) for _ in range(3)]
         for worker in workers:
             worker.want(session.opened("a"))
         for worker in workers:

@@ -1,7 +1,7 @@
 """Shapes with a surface, in the frame and unit of their files: edited ones, and those that a network was fitted to."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -322,9 +322,15 @@ class EditableShape(ModelledShape):
         fields = {"style_of": style_of, "from": source, "weight": weight, "details": details}
         return self._do(Mix, part=part, **fields, mirror=mirror, repeat=repeat)
 
-    def style(self, code: Iterable[float]) -> "EditableShape":
-        """Take a style by the numbers of its latent code."""
-        return self._do(Style, code=tuple(code))
+    def style(
+        self, code: Iterable[float], *, residuals: Mapping[str, Iterable[float]] | None = None
+    ) -> "EditableShape":
+        """Take a style by the numbers of its latent code.
+
+        `residuals` gives, by part (id, name or label), numbers that are added to its own code.
+        """
+        numbers = None if residuals is None else {part: tuple(values) for part, values in residuals.items()}
+        return self._do(Style, code=tuple(code), residuals=numbers)
 
     def build(self, structure: str, *, frame: Iterable[float] | None = None) -> "EditableShape":
         """Go on with another structure around cuboids of its own, as JSON; the style stays.
@@ -385,6 +391,11 @@ class FittedShape(ModelledShape):
         """From the frame of the shape's files to the canonical one."""
         return self.fit.prepared.shape.similarity
 
+    @property
+    def residuals(self) -> dict[str, list[float]]:
+        """By part id, the numbers that were found to be added to its code."""
+        return dict(zip(self.cage.part_ids, self.fit.inferred.residual.cpu().numpy().tolist(), strict=True))
+
     def extract(self, resolution: int = RESOLUTION) -> Extraction:
         """The surface in the canonical frame: each part has its own code. Raises InputError if there is none."""
         check_resolution(resolution)
@@ -396,8 +407,8 @@ class FittedShape(ModelledShape):
         return inference.report(self.fit, surface, measured)
 
     def editable(self) -> EditableShape:
-        """The same cuboids to edit, in the style of the one code that explains the whole shape best."""
+        """The same cuboids to edit, in the very style that was found: `extract` gives the same surface."""
         first = min(self._session.run.sequences)
         shape = EditableShape(self._session, first, self._session.opened(first))
         shape.build(self.structure.to_json(), frame=self.similarity.to_numbers())
-        return shape.style(self.fit.inferred.code.cpu().numpy().tolist())
+        return shape.style(self.fit.inferred.code.cpu().numpy().tolist(), residuals=self.residuals)

@@ -1,21 +1,20 @@
 """The command that takes shapes into a trained network that it has never seen."""
 
-import json
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from cagesdf.cli.surfaces import RunFolder
+from cagesdf.cli.telling import Json, tell, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
 
 
-def fit(run: RunFolder, source: Path, out_dir: Path, /, *, resolution: int = 128, seed: int = 0) -> None:
+def fit(
+    run: RunFolder, source: Path, out_dir: Path, /, *, resolution: int = 128, seed: int = 0, as_json: Json = False
+) -> None:
     """Find the cuboids and the code of a shape that a network was not trained on, and write the surface it gives.
 
-    Prints what became of it as a JSON object. Its verdict says whether the shape is like those that the network was
-    trained on; the surface of one that is far from them should not be trusted.
+    Prints what became of it: a sentence to a terminal, a JSON object else. Its verdict says whether the
+    shape is like those that the network was trained on; the surface of one that is far from them should not be trusted.
 
     Parameters
     ----------
@@ -33,7 +32,7 @@ def fit(run: RunFolder, source: Path, out_dir: Path, /, *, resolution: int = 128
         raise InputError(f"{out_dir}: is there already; name a new folder")
     check_folder(out_dir)
     seconds: dict[str, float] = {}
-    with _timed(seconds, "read"):
+    with working("reading the run", seconds, "read"):
         from cagesdf.api.runs import check_seed, load_run
         from cagesdf.api.shapes import check_resolution
         from cagesdf.io.fits import write_fit
@@ -41,23 +40,17 @@ def fit(run: RunFolder, source: Path, out_dir: Path, /, *, resolution: int = 128
         check_resolution(resolution)
         check_seed(seed)
         trained = load_run(run)
-    with _timed(seconds, "fit"):
+    with working("fitting cuboids, and looking for the code that explains the shape best", seconds, "fit"):
         fitted = trained.fit(source, seed)
-    with _timed(seconds, "extract"):
+    with working("asking the network for the surface", seconds, "extract"):
         surface = fitted.extract(resolution)
         model = fitted.model(surface)
-    with _timed(seconds, "measure"):
+    with working("measuring how far the surface is from the shape", seconds, "measure"):
         report = fitted.report(surface, seed)
     report |= {"vertices": len(model.surface.vertices), "faces": len(model.surface.faces)}
     fit = fitted.fit
     with new_folder(out_dir) as folder:
         write_fit(folder, fit.prepared.fitted, fit.inferred.code, fit.inferred.residual, model, report)
-    print(json.dumps({"out": str(out_dir), **report, "seconds": seconds}, ensure_ascii=False))
-
-
-@contextmanager
-def _timed(seconds: dict[str, float], what: str) -> Iterator[None]:
-    """Note how long the inside takes."""
-    start = time.perf_counter()
-    yield
-    seconds[what] = round(time.perf_counter() - start, 4)
+    distance = f"surface {report['surface_distance']} from the shape's"
+    sentence = f"{out_dir}: {report['parts']} parts, {distance}; {report['verdict']}; {sum(seconds.values()):.1f} s"
+    tell({"out": str(out_dir), **report, "seconds": seconds}, sentence, as_json)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cagesdf.cli.machine import workers
 from cagesdf.cli.surfaces import RunFolder
+from cagesdf.cli.telling import Count, Json, tell, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
 
@@ -39,10 +40,11 @@ def generate(
     resolution: int = 128,
     ending: Literal["ply", "obj", "stl", "glb"] = "glb",
     stability: Literal["support", "simulation"] = "support",
+    as_json: Json = False,
 ) -> None:
     """Make new shapes: new cuboids, new latent codes, and the surfaces that a trained network gives for them.
 
-    Prints how many have a surface, stand, and how long it took, as a JSON object.
+    Prints how many have a surface, stand, and how long it took: a sentence to a terminal, a JSON object else.
 
     Parameters
     ----------
@@ -84,12 +86,15 @@ def generate(
 
     check_resolution(resolution)
     torch.set_num_threads(1)  # for each of the pool's
-    trained = load_run(run, programs)
+    with working(f"reading {run}"):
+        trained = load_run(run, programs)
     new = trained.draw(count, seed, latent=latent, temperature=temperature, program=program)
     make = _maker(trained.session.run, resolution, STABILITIES[stability], seed)
     threads = workers()
     with new_folder(out) as folder, ThreadPoolExecutor(threads) as pool:
-        found = counts(_written(folder, in_order(pool, make, new.orders, AHEAD * threads), ending))
+        found = counts(
+            _written(folder, in_order(pool, make, new.orders, AHEAD * threads), ending, Count("shapes", count))
+        )
     told = {
         "out": str(out),
         "method": new.method,
@@ -98,7 +103,8 @@ def generate(
         **found,
         "seconds": round(time.perf_counter() - seconds, 2),
     }
-    print(json.dumps(told, ensure_ascii=False))
+    kept = ", ".join(f"{number:,} {name}" for name, number in found.items() if isinstance(number, int))
+    tell(told, f"{out}: of {count:,} shapes {kept}; {told['seconds']:.1f} s", as_json)
 
 
 def _maker(
@@ -117,7 +123,9 @@ def _maker(
     return make
 
 
-def _written(folder: Path, shapes: "Iterable[GeneratedShape]", ending: str) -> Iterator[dict[str, Any]]:
+def _written(
+    folder: Path, shapes: "Iterable[GeneratedShape]", ending: str, done: Callable[[], None]
+) -> Iterator[dict[str, Any]]:
     """Write each shape's files and its line of the index as it comes, at the end the sheet; yields their rows.
 
     No shape is held but the SHOWN first.
@@ -128,8 +136,10 @@ def _written(folder: Path, shapes: "Iterable[GeneratedShape]", ending: str) -> I
             row = shape.row()
             stream.write(json.dumps(_entry(folder, shape, row, ending), ensure_ascii=False) + "\n")
             shown += [shape] if len(shown) < SHOWN else []
+            done()
             yield row
-    _sheet(folder / "sheet.png", shown)
+    with working("drawing the sheet"):
+        _sheet(folder / "sheet.png", shown)
 
 
 def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending: str) -> dict[str, Any]:

@@ -1,12 +1,12 @@
 """Commands about shapes as their files give them."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cagesdf.cli.telling import Json, tell, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder, replacing
 
@@ -47,10 +47,11 @@ def check(*sources: Path, include: str = "*") -> None:
         raise InputError(f"{rejected:,} of {sum(map(len, listings)):,} shapes rejected")
 
 
-def parts(source: Path, out: Path, /) -> None:
+def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
     """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
 
-    Prints how well cuboids hold them as a JSON object. Beside the shape, `make own` prefers the file to finding parts.
+    Prints how well cuboids hold them: a sentence to a terminal, a JSON object else. Beside the shape,
+    `make own` prefers the file to finding parts.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def parts(source: Path, out: Path, /) -> None:
         mesh = join([part.mesh for part in raw.parts])
         placement = canonical_similarity(mesh.vertices, IMPORT["up"])
         canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
-        found = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
+        with working("finding parts"):
+            found = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
     except NotSolidError as error:
@@ -102,13 +104,13 @@ def parts(source: Path, out: Path, /) -> None:
         text = written_json(as_written(found, placement))
         (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
     counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
-    print(json.dumps({"out": str(out), **counts}, ensure_ascii=False))
+    tell({"out": str(out), **counts}, f"{out}: {counts['parts']} parts of {counts['components']} components", as_json)
 
 
-def sdf(source: Path, points: Path, out: Path, /) -> None:
+def sdf(source: Path, points: Path, out: Path, /, *, as_json: Json = False) -> None:
     """Write the signed distances of points to a shape, in its own frame and unit, negative inside.
 
-    Prints how the shape was repaired as a JSON object.
+    Prints how the shape was repaired: a sentence to a terminal, a JSON object else.
 
     Parameters
     ----------
@@ -128,13 +130,17 @@ def sdf(source: Path, points: Path, out: Path, /) -> None:
         raise InputError(f"{out}: wanted a name that ends in .npy, and not that of the points")
     check_folder(out)
     places = _read_points(points)
-    shape = imported(source, "given")
+    with working(f"reading {source} and closing its parts"):
+        shape = imported(source, "given")
     with _named(points):
         check_points(places, shape)
-    distances = signed_distances(shape, places.astype(np.float64)).astype(np.float32)
+    with working(f"measuring {len(places):,} distances"):
+        distances = signed_distances(shape, places.astype(np.float64)).astype(np.float32)
     with replacing(out) as partial, partial.open("wb") as stream:
         np.save(stream, distances)
-    print(json.dumps({**repair_report(shape), "points": len(distances), "points_inside": int((distances < 0).sum())}))
+    inside = int((distances < 0).sum())
+    told = {**repair_report(shape), "points": len(distances), "points_inside": inside}
+    tell(told, f"{out}: {len(distances):,} distances, {inside:,} of points inside", as_json)
 
 
 @contextmanager

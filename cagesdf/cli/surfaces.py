@@ -1,15 +1,13 @@
 """Commands that take surfaces out of trained networks, as they are or edited."""
 
-import json
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from cagesdf.cli.telling import Json, tell, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, replacing
 
@@ -43,10 +41,11 @@ def extract(
     symmetry: Symmetry = "none",
     loose: Loose = "keep",
     cuboids: CuboidsFile = None,
+    as_json: Json = False,
 ) -> None:
     """Write the surface that a trained network gives for one of its shapes, in the frame and unit of your files.
 
-    Prints timings, evaluations of the network and what was checked of the mesh, as a JSON object.
+    Prints timings, evaluations of the network and what was checked of the mesh: a sentence to a terminal, JSON else.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ def extract(
         sparse: ask the network where the surface can be; dense: at every grid point inside a cuboid, for comparison.
     """
     work = _Work(run, out, cuboids, resolution, symmetry, method=method, loose=loose)
-    work.write(work.run.open(shape_id, step))
+    work.write(work.run.open(shape_id, step), as_json)
 
 
 def edit(
@@ -72,6 +71,7 @@ def edit(
     symmetry: Symmetry = "none",
     loose: Loose = "keep",
     cuboids: CuboidsFile = None,
+    as_json: Json = False,
 ) -> None:
     """Edit one of a trained network's shapes by a script and write its surface, as `extract` does.
 
@@ -89,9 +89,9 @@ def edit(
     operations = parse(read_text(script, MAX_BYTES))
     work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
     shape = work.run.open(shape_id)
-    with work.timed("edit"):
+    with work.timed("edit", "editing"):
         shape.edit(operations)
-    work.write(shape)
+    work.write(shape, as_json)
 
 
 def swap(
@@ -105,6 +105,7 @@ def swap(
     symmetry: Symmetry = "none",
     loose: Loose = "keep",
     cuboids: CuboidsFile = None,
+    as_json: Json = False,
 ) -> None:
     """Write the surface of one shape's cuboids in another's style, as `extract` does.
 
@@ -116,7 +117,7 @@ def swap(
         The training shape whose latent code is taken.
     """
     work = _Work(run, out, cuboids, resolution, symmetry, loose=loose)
-    work.write(work.run.open(cuboids_of).swap(style_of))
+    work.write(work.run.open(cuboids_of).swap(style_of), as_json)
 
 
 def mix(
@@ -133,6 +134,7 @@ def mix(
     symmetry: Symmetry = "none",
     loose: Loose = "keep",
     cuboids: CuboidsFile = None,
+    as_json: Json = False,
 ) -> None:
     """Write the surface of one shape with some of its parts in the styles of others, as `extract` does.
 
@@ -159,7 +161,7 @@ def mix(
     shape = work.run.open(cuboids_of)
     for part, _, style_of in pairs:
         shape.mix(part, style_of, source=source, weight=weight, details=details)
-    work.write(shape)
+    work.write(shape, as_json)
 
 
 class _Work:
@@ -179,31 +181,29 @@ class _Work:
         self.out, self.cuboids, self.resolution = out, cuboids, resolution
         self.choices = {"symmetry": symmetry, **choices}
         self.seconds: dict[str, float] = {}
-        with self.timed("read"):
+        with self.timed("read", f"reading {run}"):
             from cagesdf.api.runs import load_run
             from cagesdf.api.shapes import check_resolution
 
             check_resolution(resolution)
             self.run = load_run(run)
 
-    @contextmanager
-    def timed(self, what: str) -> Iterator[None]:
-        """Note how long the inside takes."""
-        start = time.perf_counter()
-        yield
-        self.seconds[what] = round(time.perf_counter() - start, 4)
+    def timed(self, name: str, what: str) -> AbstractContextManager[None]:
+        """Note how long the inside takes, and say what is done there if that is long."""
+        return working(what, self.seconds, name)
 
-    def write(self, shape: "EditableShape") -> None:
+    def write(self, shape: "EditableShape", as_json: bool) -> None:
         """Extract a shape's surface, check it, write it and print the line."""
         from cagesdf.editing.health import Health
         from cagesdf.io.exports import write_boxes, write_model
         from cagesdf.meshes import signed_volume
 
-        with self.timed("extract"):
+        cells = f"{len(shape.cage)} parts with {self.resolution} cells"
+        with self.timed("extract", f"asking the network for a surface of {cells}"):
             found = shape.extract(self.resolution, **self.choices)
-        with self.timed("place"):
+        with self.timed("place", "placing it in the files' frame"):
             model = shape.model(found)
-        with self.timed("write"), ExitStack() as files:
+        with self.timed("write", f"writing {self.out}"), ExitStack() as files:
             write_model(files.enter_context(replacing(self.out)), model)
             if self.cuboids is not None:
                 write_boxes(files.enter_context(replacing(self.cuboids)), model)
@@ -226,4 +226,5 @@ class _Work:
             "overshoot": found.overshoot,
             "seconds": self.seconds,
         }
-        print(json.dumps(told, ensure_ascii=False))
+        faces, seconds = len(model.surface.faces), sum(self.seconds.values())
+        tell(told, f"{self.out}: {faces:,} faces, {health}; {seconds:.1f} s", as_json)

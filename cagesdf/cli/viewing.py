@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 from cagesdf.cli.machine import workers
+from cagesdf.cli.telling import working
 from cagesdf.demo import DEMO
 from cagesdf.errors import InputError
 
@@ -54,9 +55,11 @@ def view(
     port = free_port(host, port)
     torch.set_num_threads(1)
     folders = {"demo": DEMO / "run"} if demo else named(runs)
-    tabs = {
-        name: opened(folder, shape, programs, shapes, imported, usual_settings()) for name, folder in folders.items()
-    }
+    with working(f"reading {', '.join(folders)}"):
+        tabs = {
+            name: opened(folder, shape, programs, shapes, imported, usual_settings())
+            for name, folder in folders.items()
+        }
     with serving(tabs, host, port, workers()) as editor:
         print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)
         while True:

@@ -34,21 +34,11 @@ class Document:
         if len(self.script) == MAX_OPERATIONS:
             raise InputError(f"the script has {MAX_OPERATIONS:,} operations, the most there may be; save it and reset")
         history = apply(self.history, operation, styles)
-        name = self._name_of(history.present) if isinstance(operation, Undo | Redo) else self.name
-        return Document(self.shape_id, (*self.script, operation), history, self, name)
+        return Document(self.shape_id, (*self.script, operation), history, self, self.name)
 
     def named(self, name: str) -> "Document":
         """The same under another name, which those that follow have, too."""
         return replace(self, name=name)
-
-    def _name_of(self, state: State) -> str:
-        """The name under which a state was there before."""
-        document, name = self, self.name
-        while document.before is not None:
-            if document.state is state:
-                name = document.name
-            document = document.before
-        return document.name if document.state is state else name
 
     def continued(self, script: Script, styles: Styles) -> "Document":
         """All operations of a script more. Raises InputError that names the place of one that can't be done."""

@@ -1,7 +1,11 @@
 """Whether a surface holds: closed, in one piece where its cuboids are, no part thinner than its cells can show."""
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 from scipy.sparse.csgraph import connected_components
 
 from cagesdf.cuboid import Cuboid
@@ -12,7 +16,7 @@ from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.promises import count_pieces
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.matching import touching
-from cagesdf.meshes import Mesh, is_closed
+from cagesdf.meshes import Mesh, face_normals, is_closed, signed_volume
 from cagesdf.solid import thickness
 
 HELD = 2.0  # cells that a part must be thick
@@ -39,21 +43,18 @@ class Health:
         names = part_names(state.structure)
         cuboids = {**CUBE.cuboids(), **state.cage.cuboids()}  # a decoder that knows no cuboids has one part, the cube
         torn = [part for part, mesh in found.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
-        cells = {
-            part: _cells(mesh, cuboids[part], resolution, fineness)
-            for part, mesh in found.parts.items()
-            if len(mesh.faces)
-        }
+        profiles = {part: _Profile.of(mesh, cuboids[part]) for part, mesh in found.parts.items() if len(mesh.faces)}
+        cells = {part: profile.cells(resolution, fineness) for part, profile in profiles.items()}
         expected, _ = connected_components(touching(state.cage), directed=False)
         closed = bool(len(found.mesh.faces)) and is_closed(found.mesh)
         called = tuple(names.get(part, part) for part in torn)
         if not cells:
             return Health(closed, found.components, int(expected), called, None, 0.0, 0.0, 0)
         part = min(cells, key=lambda part: cells[part])
-        mesh, cuboid = found.parts[part], cuboids[part]
         finer = range(STEP, FINEST + 1, STEP)
-        enough = next((count for count in finer if _cells(mesh, cuboid, count, fineness) >= HELD), 0)
-        thick = thickness(mesh) / state.similarity.scale
+        first = bisect_left(finer, HELD, key=lambda count: profiles[part].cells(count, fineness))
+        enough = finer[first] if first < len(finer) else 0
+        thick = thickness(found.parts[part]) / state.similarity.scale
         return Health(
             closed, found.components, int(expected), called, names.get(part, part), thick, cells[part], enough
         )
@@ -85,7 +86,24 @@ class Health:
         return tuple(sentences)
 
 
-def _cells(mesh: Mesh, cuboid: Cuboid, resolution: int, fineness: Fineness) -> float:
-    """A part's thickness in the cells that it is made of; these are as small as its cuboid needs along each axis."""
-    steps = Lattice.of(cuboid, 2 * HALF_EXTENT / resolution, fineness.least).steps
-    return thickness(mesh.with_vertices((mesh.vertices - cuboid.centre) @ cuboid.axes.T / steps))
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """All that the thickness of a part follows from, in whichever cells it is made."""
+
+    cuboid: Cuboid
+    volume: float
+    areas: Float[ndarray, "f 3"]  # of its faces, across each of the cuboid's axes
+
+    @staticmethod
+    def of(mesh: Mesh, cuboid: Cuboid) -> "_Profile":
+        return _Profile(cuboid, abs(signed_volume(mesh)), np.abs(face_normals(mesh) @ cuboid.axes.T) / 2)
+
+    def cells(self, resolution: int, fineness: Fineness) -> float:
+        """The thickness in the part's own cells, which are as small as its cuboid needs along each axis.
+
+        It is `solid.thickness` of the mesh with these cells as units: a face's area across an axis is then smaller by
+        the other two axes' steps.
+        """
+        steps = Lattice.of(self.cuboid, 2 * HALF_EXTENT / resolution, fineness.least).steps
+        area = float(np.linalg.norm(self.areas * steps, axis=1).sum())
+        return 2 * self.volume / max(area, 1e-300)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -96,21 +96,43 @@ def _after(state: State, operation: Step, styles: Styles) -> State:
         case Set(parameter=parameter, value=value, details=details):
             return _sound(_with_details(state, reprogrammed(state, parameter, value), details))
         case Swap(style_of=shape_id):
-            return replace(state, latent=styles.named(shape_id).latent)
+            return replace(state, latent=styles.named(shape_id).latent, residuals={})
         case Blend(style_of=shape_id, weight=weight):
-            other = styles.named(shape_id).latent
-            return replace(state, latent=(1 - np.float32(weight)) * state.latent + np.float32(weight) * other)
+            return blended(state, styles.named(shape_id).latent, np.float32(weight))
         case Mix():
             return _sound_details(mixed(state, operation, styles))
-        case Style(code=code):
-            if len(code) != len(state.latent):
-                raise InputError(f"code: {len(code)} numbers; this run's codes have {len(state.latent)}")
-            return replace(state, latent=np.array(code, np.float32))
+        case Style():
+            return styled(state, operation, styles)
         case Build(structure=text, frame=numbers):
             return _sound(built(state, text, numbers))
         case Harmonise():
+            residuals = {
+                part: residual
+                for part in state.cage.part_ids
+                if (residual := state.residuals.get(state.seen_as(part))) is not None
+            }
             kept = {part: lengths for part, lengths in state.kept.items() if part in state.part_styles}
-            return replace(state, seen=state.cage, like={}, kept=kept)
+            return replace(state, seen=state.cage, like={}, kept=kept, residuals=residuals)
+
+
+def styled(state: State, operation: Style, styles: Styles) -> State:
+    """A latent and residuals by their numbers. Raises InputError where these are too many or too few."""
+    if len(operation.code) != len(state.latent):
+        raise InputError(f"code: {len(operation.code)} numbers; this run's codes have {len(state.latent)}")
+    wanted = styles.code_dim or len(state.latent)
+    residuals = {}
+    for pattern, numbers in (operation.residuals or {}).items():
+        if len(numbers) != wanted:
+            raise InputError(f"residuals: {pattern}: {len(numbers)} numbers; wanted {wanted}, as its parts' codes have")
+        for part in select(state.structure, pattern):
+            residuals[state.seen_as(part)] = np.array(numbers, np.float32)
+    return replace(state, latent=np.array(operation.code, np.float32), residuals=residuals)
+
+
+def blended(state: State, latent: Float32[ndarray, " d"], weight: np.float32) -> State:
+    """A state on its way to another latent; at weight 1 nothing of its own residuals is left."""
+    residuals = {part: (1 - weight) * residual for part, residual in state.residuals.items()} if weight < 1 else {}
+    return replace(state, latent=(1 - weight) * state.latent + weight * latent, residuals=residuals)
 
 
 def mixed(state: State, operation: Mix, styles: Styles) -> State:

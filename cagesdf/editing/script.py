@@ -64,6 +64,10 @@ End = Annotated[Literal["low", "centre", "high"], Field(description="low, centre
 Details = Annotated[Literal["stretch", "keep"], Field(description="stretch or keep")]
 Switch = Annotated[bool, Field(description="true or false")]
 Code = Annotated[tuple[_Number, ...], Field(min_length=1, max_length=4096, description="the numbers of a latent code")]
+Residuals = Annotated[
+    dict[str, Annotated[tuple[_Number, ...], Field(max_length=4096)]] | None,
+    Field(description="by part, as many numbers as a part's code has; or null"),
+]
 Placement = Annotated[
     Annotated[tuple[_Finite, ...], Field(min_length=13, max_length=13)] | None,
     Field(description="13 finite numbers: scale, rotation by rows, translation; or null"),
@@ -206,10 +210,13 @@ class Mix(_Operation):
 
 
 class Style(_Operation):
-    """Take a style by its latent code."""
+    """Take a style by its latent code, and what single parts' codes differ from those that the network makes of it."""
 
     op: Literal["style"] = "style"
     code: Code
+    residuals: Residuals = (
+        None  # by part (id, name or label, with *, ? and |): what is added to its code; None: nothing
+    )
 
 
 class Build(_Operation):

@@ -46,7 +46,7 @@ class Session:
     def styles(self) -> Styles:
         """The styles of all shapes, sorted by id."""
         shapes = {shape_id: self.opened(shape_id) for shape_id in sorted(self.run.sequences)}
-        return Styles(shapes, self.run.decoder.code_dim is not None)
+        return Styles(shapes, self.run.decoder.code_dim)
 
     def opened(self, shape_id: str, step: int = 0) -> State:
         """One step of a shape's sequence, as it was trained on. Raises InputError if there is none."""
@@ -107,12 +107,15 @@ class Live:
 
 
 def state_field(run: Run, state: State) -> CageField:
-    """The field of a state: its parts have the codes of its latent, but for those with a style of their own."""
+    """The field of a state: its parts have the codes of its latent and their residuals, or a style of their own."""
     device = run.latents.values.device
     field = field_of(run.decoder, torch.from_numpy(state.latent).to(device), state.cage, state.seen)
     if field.cage is not state.cage:  # of a decoder that doesn't know cuboids
         return field
-    codes = field.codes[[state.seen.part_ids.index(state.seen_as(part)) for part in state.cage.part_ids]]
+    seen = field.codes.clone()
+    for part, residual in state.residuals.items():
+        seen[state.seen.part_ids.index(part)] += torch.from_numpy(residual).to(device)
+    codes = seen[[state.seen.part_ids.index(state.seen_as(part)) for part in state.cage.part_ids]]
     # Parts of one other shape come from one evaluation of its cage.
     known: dict[tuple[bytes, bytes], Float[Tensor, "p k"]] = {}
     for part, steps in state.part_styles.items():

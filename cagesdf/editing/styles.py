@@ -1,11 +1,13 @@
 """The styles that operations name, and which part of another shape corresponds to a part."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from numpy import ndarray
 
 from cagesdf.editing.parts import select
@@ -19,7 +21,17 @@ class Styles:
     """The styles of a run's shapes."""
 
     shapes: Mapping[str, State]  # at rest, as opened, by shape id
-    by_part: bool  # each part has a code of its own, so that parts of several shapes can be mixed
+    code_dim: int | None  # numbers of a part's code; None: it is the latent itself, and parts can't be mixed
+
+    @property
+    def by_part(self) -> bool:
+        """Whether each part has a code of its own, so that parts of several shapes can be mixed."""
+        return self.code_dim is not None
+
+    @cached_property
+    def signatures(self) -> Mapping[str, str]:
+        """By shape id, what tells structures apart up to continuous parameters."""
+        return {shape_id: state.structure.signature() for shape_id, state in self.shapes.items()}
 
     def named(self, shape_id: str) -> State:
         """The shape that has a style. Raises InputError if there is none."""
@@ -33,6 +45,29 @@ class Styles:
     def latents(self) -> Float32[ndarray, "n d"]:
         """The latents of all shapes, in the order of `shapes`."""
         return np.stack([state.latent for state in self.shapes.values()])
+
+
+def ranked(state: State, styles: Styles) -> list[str]:
+    """All styles' shape ids, those first that fit a state best.
+
+    First come the shapes of the same structure, then those whose parts have more labels in common with the state's,
+    as a share of the parts of both, then the ones whose boxes are most alike.
+    """
+    signature, labels, box = state.structure.signature(), Counter(state.structure.labels().values()), _box(state)
+
+    def misfit(shape_id: str) -> tuple[bool, float, float]:
+        other = styles.shapes[shape_id]
+        theirs = Counter(other.structure.labels().values())
+        common = sum(number for label, number in (labels & theirs).items() if label)
+        sides = float(np.abs(np.log(_box(other) / box)).sum())
+        return styles.signatures[shape_id] != signature, -common / (len(state.cage) + len(other.cage)), sides
+
+    return sorted(styles.shapes, key=misfit)
+
+
+def _box(state: State) -> Float[ndarray, " 3"]:
+    """Lengths of the box around a state's cuboids, canonical."""
+    return np.ptp(state.cage.corners().reshape(-1, 3), axis=0)
 
 
 def corresponding(state: State, other: State, pattern: str | None) -> dict[str, str]:

@@ -1,24 +1,27 @@
 """From folders to what tabs share."""
 
+import threading
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from cagesdf.editing.session import Session
-from cagesdf.errors import InputError
-from cagesdf.generating import has_cuboids
+from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.generating import CodeSource, code_source, has_cuboids
 from cagesdf.generation.generator import Generator
-from cagesdf.inference import FitSettings, Known, fit_shape
+from cagesdf.inference import FitSettings, Known, fit_code, prepare
 from cagesdf.io.generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import Run, beside, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.meshes import Mesh, join
 from cagesdf.shape import Shape
+from cagesdf.viewing.jobs import Progress
 from cagesdf.viewing.styles import StyleSpace
 from cagesdf.viewing.tab import Opened, Taken, Truths
+from cagesdf.viewing.thumbnails import Thumbnails
 
 Read = Callable[[Path], Shape]  # the one shape of a source; raises InputError
 
@@ -44,8 +47,8 @@ def opened(
     codes = session.styles.latents().astype(np.float64)
     known = Known.of(trained, read_residuals(run))
     return Opened(
-        session, StyleSpace.of(codes, DIRECTIONS), _generator(run, programs), _truths(run, shapes),
-        lambda source: _taken(trained, known, read(source), settings), first,
+        session, StyleSpace.of(codes, DIRECTIONS), _codes(trained), _generator(run, programs), _truths(run, shapes),
+        partial(_taken, trained, known, read, settings), Thumbnails(session), first,
     )  # fmt: skip
 
 
@@ -64,10 +67,43 @@ def named(runs: Sequence[Path]) -> dict[str, Path]:
     raise AssertionError("equal paths")
 
 
-def _taken(run: Run, known: Known, shape: Shape, settings: FitSettings) -> Taken:
-    fit = fit_shape(run, known, shape, settings, 0)
-    structure = shape.structure.with_cuboids(fit.prepared.fitted.cage.cuboids())
-    return Taken(structure, fit.inferred.code.cpu().numpy(), shape.similarity, fit.prepared.surface, str(fit.verdict))
+def _codes(run: Run) -> Callable[[], CodeSource]:
+    """Where new codes come from; it is fitted, which takes seconds, by the first who asks."""
+    lock = threading.Lock()
+    source: list[CodeSource] = []
+
+    def codes() -> CodeSource:
+        with lock:
+            if not source:
+                source.append(code_source(run, "dependent", None))
+            return source[0]
+
+    return codes
+
+
+def _taken(
+    run: Run, known: Known, read: Read, settings: FitSettings, source: Path, name: str, progress: Progress
+) -> Taken:
+    """What `cagesdf fit` finds of a source, step by step; `name` is what the user calls it."""
+    progress("reading and closing parts")
+    shape = read(source)
+    progress(f"fitting {len(shape.parts)} cuboids", 0.2)
+    try:
+        prepared = prepare(run, shape, settings, np.random.default_rng(0))
+    except ShapeRejected as error:
+        raise InputError(f"{name}: rejected: {error.reason}") from error
+    progress("looking for the style that explains it best", 0.4)
+    fit = fit_code(run, known, prepared, settings.inference, 0)
+    cage = prepared.fitted.cage
+    residuals = dict(zip(cage.part_ids, fit.inferred.residual.cpu().numpy().tolist(), strict=True))
+    return Taken(
+        shape.structure.with_cuboids(cage.cuboids()),
+        fit.inferred.code.cpu().numpy(),
+        residuals,
+        shape.similarity,
+        prepared.surface,
+        str(fit.verdict),
+    )
 
 
 def _generator(run: Path, programs: Path | None) -> Generator | None:

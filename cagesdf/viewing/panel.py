@@ -11,7 +11,9 @@ import viser
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
 from cagesdf.viewing.files import FORMATS
 from cagesdf.viewing.framing import VIEWS
+from cagesdf.viewing.pictures import PictureGrid
 from cagesdf.viewing.scene import LOOKS, TOOLS
+from cagesdf.viewing.thumbnails import blank
 
 HELLO = (
     "**Click a cuboid**, then drag its arrows (**G** moves, **R** turns, **L** pulls faces). "
@@ -20,7 +22,8 @@ HELLO = (
 NOTHING = "–"
 BRAND = (232, 96, 28)
 MESHES = ",".join((".zip", *MESH_SUFFIXES))
-PLACES = 3.0  # standard deviations that the sliders of principal directions reach
+IDLE = "Cancel"
+WHOLE = "the whole shape"
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Actions:
     """What a tab does when a control is used. The status line says what goes wrong in one."""
 
     open_shape: Callable[[str], None]
+    restore: Callable[[int], None]  # a draft, by its number in `show_drafts`
+    forget: Callable[[], None]  # all drafts
     undo: Callable[[], None]
     redo: Callable[[], None]
     reset: Callable[[], None]
@@ -42,8 +47,9 @@ class Actions:
     help: Callable[[], None]
     open_run: Callable[[str], None]
     set_parameter: Callable[[str, float], None]
-    blend: Callable[[str, float], None]
-    mix: Callable[[str, float], None]  # into the parts that are selected
+    restyle: Callable[[str, float], None]  # a shape's id, how far; of the parts that are selected, or of the whole
+    more_styles: Callable[[], None]  # pictures of further ones
+    cancel: Callable[[], None]
     direct: Callable[[int, float], None]  # number of a principal direction, standard deviations
     surprise: Callable[[float], None]  # temperature
     generate: Callable[[float], None]  # temperature
@@ -82,10 +88,9 @@ class Panel:
     value: Any
     style: Any
     weight: Any
-    part_style: Any
-    part_weight: Any
+    work: Any
+    cancel: Any
     temperature: Any
-    directions: list[Any]
 
     def __init__(
         self,
@@ -94,18 +99,20 @@ class Panel:
         runs: Sequence[str],
         run: str,
         shapes: Sequence[str],
-        directions: int,
-        by_part: bool,
+        ends: Sequence[tuple[float, float]],
         generates: bool,
         guard: Callable[[Callable[[], None]], None],
     ) -> None:
-        """`guard` calls an action and says what is wrong."""
+        """`ends` are those of the sliders of principal directions; `guard` calls an action and says what is wrong."""
         gui = self._gui = client.gui
         self._guard = guard
         gui.main_panel.dock_right()
         self.theme(dark=False)
         gui.set_panel_label("cagesdf")
         gui.add_markdown(HELLO)
+        self._drafts_of = gui.add_folder("Earlier work", visible=False)
+        self._draft_buttons: list[Any] = []
+        self._restore, self._forget = actions.restore, actions.forget
         self._shapes = tuple(shapes)
         self.run = gui.add_dropdown("Run", tuple(runs), initial_value=run, visible=len(runs) > 1)
         self._on(self.run, lambda: actions.open_run(self.run.value))
@@ -116,12 +123,15 @@ class Panel:
         history.on_click(lambda _: guard(steps[history.value]))
         self.status = gui.add_text("Status", "", disabled=True)
         self.surface = gui.add_text("Surface", "", disabled=True, hint="cells and faces")
+        self.work = gui.add_progress_bar(0.0, color=BRAND)
+        self.cancel = gui.add_button(IDLE, disabled=True, icon=viser.Icon.X)
+        self.cancel.on_click(lambda _: guard(actions.cancel))
         self.health = gui.add_markdown("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Cuboids"):
             self._cuboids(actions)
         with tabs.add_tab("Style"):
-            self._style(actions, shapes, directions, by_part)
+            self._style(actions, shapes, ends)
         with tabs.add_tab("New"):
             self._new(actions, generates)
         with tabs.add_tab("File"):
@@ -188,25 +198,35 @@ class Panel:
         self._values: Mapping[str, float] = {}
         self._grouped: Mapping[str, Mapping[str, str]] = {}
 
-    def _style(self, actions: Actions, shapes: Sequence[str], directions: int, by_part: bool) -> None:
+    def _style(self, actions: Actions, shapes: Sequence[str], ends: Sequence[tuple[float, float]]) -> None:
         gui = self._gui
+        self._style_for = gui.add_markdown("")
         self.style = gui.add_dropdown("Style of", (NOTHING, *shapes))
         self.weight = gui.add_slider("Towards it", 0.0, 1.0, 0.01, 1.0)
-        blend = lambda: actions.blend(self.style.value, self.weight.value)  # noqa: E731
-        self._on(self.style, blend)
-        self._on(self.weight, blend)
-        with gui.add_folder("Selected parts", visible=by_part):
-            self.part_style = gui.add_dropdown("Their style of", (NOTHING, *shapes))
-            self.part_weight = gui.add_slider("Their way to it", 0.0, 1.0, 0.01, 1.0)
-        mix = lambda: actions.mix(self.part_style.value, self.part_weight.value)  # noqa: E731
-        self._on(self.part_style, mix)
-        self._on(self.part_weight, mix)
-        self.directions = [gui.add_slider(f"Direction {i + 1}", -PLACES, PLACES, 0.05, 0.0) for i in range(directions)]
-        for i, slider in enumerate(self.directions):
-            self._on(slider, partial(lambda i, slider: actions.direct(i, slider.value), i, slider))
-        self.temperature = gui.add_slider("Temperature", 0.0, 2.0, 0.05, 1.0, hint="how far new styles and shapes go")
-        button = gui.add_button("Surprise me", icon=viser.Icon.DICE_5)
+        restyle = lambda: actions.restyle(self.style.value, self.weight.value)  # noqa: E731
+        self._on(self.style, restyle)
+        self._on(self.weight, restyle)
+        button = gui.add_button("Surprise me", icon=viser.Icon.DICE_5, hint="a new style that fits the cuboids")
         button.on_click(lambda _: self._guard(lambda: actions.surprise(self.temperature.value)))
+        self.temperature = gui.add_slider("Temperature", 0.0, 2.0, 0.05, 1.0, hint="how far new styles and shapes go")
+
+        def pick(shape_id: str) -> None:
+            self.style.value, self.weight.value = shape_id, 1.0
+            self._guard(restyle)
+
+        self.styles = PictureGrid(gui, "Styles, those that fit best first", pick)
+        self.more = gui.add_button("More styles", icon=viser.Icon.CHEVRON_DOWN)
+        self.more.on_click(lambda _: self._guard(actions.more_styles))
+        with gui.add_folder("Directions", visible=bool(ends)):
+            self.ends: list[Any] = []
+            self.directions: list[Any] = []
+            for i, (low, high) in enumerate(ends):
+                self.ends.append(gui.add_image(np.hstack([blank(), blank()])))
+                slider = gui.add_slider(
+                    f"Direction {i + 1}", low, high, 0.01, low, hint="standard deviations, as far as training shapes go"
+                )
+                self.directions.append(slider)
+                self._on(slider, partial(lambda i, slider: actions.direct(i, slider.value), i, slider))
 
     def _new(self, actions: Actions, generates: bool) -> None:
         gui = self._gui
@@ -214,8 +234,7 @@ class Panel:
         gui.add_markdown(text)
         button = gui.add_button("New shape", icon=viser.Icon.SPARKLES, disabled=not generates)
         button.on_click(lambda _: self._guard(lambda: actions.generate(self.temperature.value)))
-        self.made = gui.add_folder("Made here")
-        self._made = 0  # less with each: the newest comes first
+        self.made = PictureGrid(gui, "Made here", lambda name: self._guard(lambda: actions.open_shape(name)))
 
     def _file(self, actions: Actions) -> None:
         gui = self._gui
@@ -240,16 +259,38 @@ class Panel:
         )
         parts.on_upload(lambda _: self._guard(lambda: actions.upload_parts(parts.value.name, parts.value.content)))
 
-    def add_made(self, name: str, picture: np.ndarray, take: Callable[[], None]) -> Any:
-        """A thumbnail of a shape that was made here, above the earlier ones, and a button that takes it up again.
+    def show_drafts(self, drafts: Sequence[str]) -> None:
+        """Earlier work in words, with a button each; none without any."""
+        for button in self._draft_buttons:
+            button.remove()
+        self._draft_buttons = []
+        self._drafts_of.visible = bool(drafts)
+        with self._drafts_of:
+            for number, text in enumerate(drafts):
+                button = self._gui.add_button(text, icon=viser.Icon.HISTORY)
+                button.on_click(partial(lambda number, _: self._guard(lambda: self._restore(number)), number))
+                self._draft_buttons.append(button)
+            if drafts:
+                self._draft_buttons.append(self._gui.add_button("Forget all", color="gray", icon=viser.Icon.TRASH))
+                self._draft_buttons[-1].on_click(lambda _: self._guard(self._forget))
 
-        Returns the thumbnail, whose `image` may be changed.
-        """
-        self._made -= 2
-        with self.made:
-            image = self._gui.add_image(picture, order=self._made)
-            self._gui.add_button(f"Take {name}", order=self._made + 1).on_click(lambda _: self._guard(take))
-        return image
+    def show_work(self, what: str | None, done: float) -> None:
+        """What is done in the background, None: nothing, and which share of it is done."""
+        self.cancel.label = IDLE if what is None else f"{IDLE}: {what}"
+        self.cancel.disabled = what is None
+        self.work.value, self.work.animated = 100 * float(np.clip(done, 0, 1)), what is not None
+
+    def show_styles(self, shape_ids: Sequence[str], most: int) -> bool:
+        """The styles in this order, the first of them as tiles; whether these are others than before."""
+        options = (NOTHING, *shape_ids)
+        if options != tuple(self.style.options):
+            self.style.options = options
+        self.more.visible = len(shape_ids) > most
+        return self.styles.show(shape_ids[:most])
+
+    def show_target(self, parts: str) -> None:
+        """What a style is for: names of parts, or WHOLE."""
+        self._style_for.content = f"Click a picture: its style for **{parts}**."
 
     def show_shapes(self, made: Sequence[str], chosen: str) -> None:
         """The shapes that were made here, newest first, before those of the run."""
@@ -298,7 +339,7 @@ class Panel:
     def show_style(self, places: np.ndarray) -> None:
         """Where the style is along the principal directions."""
         for slider, place in zip(self.directions, places):
-            slider.value = float(np.clip(place, -PLACES, PLACES))
+            slider.value = float(np.clip(place, slider.min, slider.max))
 
     def _on(self, handle: Any, act: Callable[[], None]) -> None:
         # Without a client the tab itself set the value.

@@ -4,21 +4,28 @@ import errno
 import re
 import socket
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from http.cookies import CookieError, SimpleCookie
+from itertools import count
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import viser
 from viser.infra import _infra as viser_sockets
 from websockets.asyncio import server as sockets
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
 
 from cagesdf.errors import InputError
+from cagesdf.viewing.drafts import DAY, Drafts, Page, is_token, new_token
 from cagesdf.viewing.framing import VIEWS, camera_for
 from cagesdf.viewing.tab import Opened, Tab
 
+COOKIE = "cagesdf-"  # with the port: cookies of one host are those of all its ports
 PORTS = range(8080, 8180)  # that are tried where none is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Pages of this machine, and what is no page.
@@ -70,6 +77,13 @@ class Server(viser.ViserServer):
         with _answering(OWN_PAGES if host in LOOPBACK else None):
             super().__init__(host, port, label="cagesdf", verbose=False)
 
+    def browser_of(self, client: int) -> str:
+        """The token of the browser that a page is open in; one that takes no cookies has another with each page."""
+        # viser doesn't tell who its clients are.
+        connection = self._websock_server._live_connections.get(client)
+        request = None if connection is None else connection.request
+        return (None if request is None else _token(request.headers, self.get_port())) or new_token()
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """There is none."""
         return None
@@ -85,7 +99,9 @@ class Editor:
         """
         self._runs = runs
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="network")
-        self._tabs: dict[int, Tab] = {}
+        self._drafts = Drafts()
+        self._numbers = count()
+        self._tabs: dict[int, tuple[Page, Tab]] = {}  # by client
         self._lock = threading.Lock()
         self.server = Server(host, port)
         self.server.scene.set_up_direction("+y")
@@ -93,6 +109,7 @@ class Editor:
         first, camera = next(iter(runs.values())), self.server.initial_camera
         cage = first.session.opened(first.first).cage
         camera.position, camera.look_at = camera_for(cage, np.array(VIEWS["Perspective"]), camera.fov, 1.0)
+        threading.Thread(target=first.codes, name="codes", daemon=True).start()  # nobody shall wait for it later
         self.server.on_client_connect(self._come)
         self.server.on_client_disconnect(self._leave)
 
@@ -112,7 +129,7 @@ class Editor:
         """End all tabs and the server."""
         with self._lock:
             tabs, self._tabs = list(self._tabs.values()), {}
-        for tab in tabs:
+        for _, tab in tabs:
             tab.close()
         self.server.stop()
         self._pool.shutdown()
@@ -125,30 +142,38 @@ class Editor:
         with self._lock:
             before = self._tabs.pop(client.client_id, None)
         if before is not None:
-            before.close()
+            before[1].close()
             client.scene.remove_click_callback()
             client.gui.reset()
             client.scene.reset()
-        tab = Tab(client, self._runs, run, partial(self._open, client), self._pool, np.random.default_rng())
+        page = Page(self._drafts, self.server.browser_of(client.client_id), next(self._numbers), self._open_pages)
+        tab = Tab(client, self._runs, run, partial(self._open, client), self._pool, np.random.default_rng(), page)
         with self._lock:
-            self._tabs[client.client_id] = tab
+            self._tabs[client.client_id] = page, tab
+
+    def _open_pages(self) -> set[int]:
+        with self._lock:
+            return {page.number for page, _ in self._tabs.values()}
 
     def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            tab = self._tabs.pop(client.client_id, None)
-        if tab is not None:
-            tab.close()
+            left = self._tabs.pop(client.client_id, None)
+            others = [tab for page, tab in self._tabs.values() if left and page.browser == left[0].browser]
+        if left is not None:
+            left[1].close()
+        for tab in others:
+            tab.offer()
 
 
 @contextmanager
 def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[None]:
-    """Sockets that viser opens meanwhile answer these pages alone.
+    """Sockets that viser opens meanwhile answer these pages alone, and give each browser a token of its own.
 
     viser has no setting for it. Its module's name for the library stands for one whose sockets have these origins;
     the library itself, which others in this process may use, stays as it is.
     """
     library = viser_sockets.websockets
-    serving_these = SimpleNamespace(**vars(sockets) | {"serve": partial(sockets.serve, origins=origins)})
+    serving_these = SimpleNamespace(**vars(sockets) | {"serve": partial(_serve, origins=origins)})
     asynchronous = SimpleNamespace(**vars(library.asyncio) | {"server": serving_these})
     with _opening:
         viser_sockets.websockets = SimpleNamespace(**vars(library) | {"asyncio": asynchronous})  # type: ignore[assignment]
@@ -156,6 +181,33 @@ def _answering(origins: tuple[re.Pattern[str] | None, ...] | None) -> Iterator[N
             yield
         finally:
             viser_sockets.websockets = library
+
+
+def _serve(*arguments: Any, process_request: Callable[..., Response | None], **options: Any) -> sockets.serve:
+    return sockets.serve(*arguments, process_request=partial(_with_token, process_request), **options)
+
+
+def _with_token(
+    answer: Callable[..., Response | None], connection: sockets.ServerConnection, request: Request
+) -> Response | None:
+    """The server's answer to a request for a page, which names the browser if it has no name yet."""
+    response = answer(connection, request)
+    port = connection.local_address[1]
+    if response is not None and _token(request.headers, port) is None:
+        # Scripts of pages can't read it, and other sites' pages don't send it.
+        cookie = f"{COOKIE}{port}={new_token()}; Max-Age={DAY:.0f}; Path=/; HttpOnly; SameSite=Strict"
+        response.headers["Set-Cookie"] = cookie
+    return response
+
+
+def _token(headers: Headers, port: int) -> str | None:
+    """The token that a browser sends; None if it has none."""
+    try:
+        cookies = SimpleCookie("; ".join(headers.get_all("Cookie")))
+    except CookieError:
+        return None
+    cookie = cookies.get(f"{COOKIE}{port}")
+    return cookie.value if cookie is not None and is_token(cookie.value) else None
 
 
 @contextmanager

@@ -1,12 +1,10 @@
-"""Ways through the space of latent codes: along its principal directions, and to new codes."""
+"""Ways through the space of latent codes: along its principal directions, as far as training codes reach."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray
-
-from cagesdf.generation.latent_kde import LatentKde
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +14,7 @@ class StyleSpace:
     mean: Float[ndarray, " d"]
     directions: Float[ndarray, "k d"]  # unit, by falling spread
     spread: Float[ndarray, " k"]  # standard deviation of the codes along each
-    kde: LatentKde
+    ends: Float[ndarray, "k 2"]  # where the training codes begin and end along each, in standard deviations
 
     @staticmethod
     def of(codes: Float[ndarray, "n d"], most: int) -> "StyleSpace":
@@ -27,17 +25,15 @@ class StyleSpace:
         # Signs are arbitrary: the largest number of each direction is positive, so that sliders keep their sense.
         signs = np.sign(directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)])
         spread = singular / np.sqrt(max(len(codes) - 1, 1))
-        return StyleSpace(mean, (directions * signs[:, None])[:count], spread[:count], LatentKde.fit(codes))
+        chosen, along = (directions * signs[:, None])[:count], spread[:count]
+        places = (codes - mean) @ chosen.T / along
+        return StyleSpace(mean, chosen, along, np.stack([places.min(axis=0), places.max(axis=0)], axis=1))
 
     def places(self, code: Float32[ndarray, " d"]) -> Float[ndarray, " k"]:
         """Where a code is along the directions, in standard deviations from the mean."""
         return self.directions @ (code - self.mean) / self.spread
 
     def moved(self, code: Float32[ndarray, " d"], direction: int, place: float) -> Float32[ndarray, " d"]:
-        """The code with another place along one direction, elsewhere as it was."""
-        way = place - self.places(code)[direction]
+        """The code with another place along one direction, elsewhere as it was; no further than training codes go."""
+        way = np.clip(place, *self.ends[direction]) - self.places(code)[direction]
         return (code + way * self.spread[direction] * self.directions[direction]).astype(np.float32)
-
-    def drawn(self, rng: np.random.Generator, temperature: float) -> Float32[ndarray, " d"]:
-        """A new code from the kernel density of the training codes; `temperature` scales the kernels."""
-        return self.kde.sample(rng, self.kde.uniform(1), temperature)[0].astype(np.float32)

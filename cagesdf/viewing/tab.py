@@ -2,11 +2,13 @@
 
 import hashlib
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import repeat
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,7 +24,7 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
 from cagesdf.editing.operations import SMALLEST
-from cagesdf.editing.parts import free_name, parameters, part_names
+from cagesdf.editing.parts import parameters, part_names
 from cagesdf.editing.script import (
     Add,
     Axis,
@@ -43,31 +45,37 @@ from cagesdf.editing.script import (
 )
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
+from cagesdf.editing.styles import ranked
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction
 from cagesdf.frames import Similarity
-from cagesdf.generating import draw_cages, of_program
+from cagesdf.generating import CodeSource, draw_cages, of_program
 from cagesdf.generation.generator import Generated, Generator
 from cagesdf.meshes import Mesh
-from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
 from cagesdf.viewing.angles import AXES, angles_of, turns
 from cagesdf.viewing.colours import Colour, part_colours
+from cagesdf.viewing.drafts import Draft, Entry, Page
+from cagesdf.viewing.drawing import first_that_holds, new_style
 from cagesdf.viewing.framing import VIEWS
+from cagesdf.viewing.jobs import Jobs, Progress, Stand
 from cagesdf.viewing.keys import KEYS, card
-from cagesdf.viewing.panel import NOTHING, Actions, Panel
+from cagesdf.viewing.leaving import ask_before_leaving
+from cagesdf.viewing.panel import NOTHING, WHOLE, Actions, Panel
 from cagesdf.viewing.parameters import grouped
 from cagesdf.viewing.partlist import PartList
 from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
 from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
+from cagesdf.viewing.shelf import Shelf
 from cagesdf.viewing.snapping import snapped
 from cagesdf.viewing.styles import StyleSpace
+from cagesdf.viewing.thumbnails import Picture, Thumbnails, blank
 from cagesdf.viewing.worker import FINE, Made, Worker
 
-DRAWS = 4  # for a new shape
-PICTURE = 220  # pixels along a side of a thumbnail
+STYLES_SHOWN = 9  # at first, and by how many more
+PATIENCE = 1.0  # seconds; work that takes no longer isn't spoken of
 GAP = 1.2  # between a part and its copy, in the part's own extent
 NEW_PART = 0.25  # canonical: lengths of a cuboid that is added
 
@@ -81,6 +89,7 @@ class Taken:
 
     structure: Structure  # with cuboids, canonical
     latent: Float32[ndarray, " d"]
+    residuals: Mapping[str, Sequence[float]]  # by part, what is added to its code
     similarity: Similarity  # raw → canonical
     truth: Mesh  # its own surface, canonical
     verdict: str  # whether it is like those that the network was trained on
@@ -92,9 +101,11 @@ class Opened:
 
     session: Session
     styles: StyleSpace
+    codes: Callable[[], CodeSource]  # of new styles; the first call takes seconds
     generator: Generator | None
     truth: Truths
-    take: Callable[[Path], Taken]  # raises InputError
+    take: Callable[[Path, str, Progress], Taken]  # a source, by the name that the user calls it; raises InputError
+    thumbnails: Thumbnails
     first: str  # id of the shape that a tab begins with
 
 
@@ -109,27 +120,35 @@ class Tab:
         open_run: Callable[[str], None],
         pool: ThreadPoolExecutor,
         rng: np.random.Generator,
+        page: Page,
     ) -> None:
         """A tab for the run of that name; `open_run` is called for a tab with another one in its place."""
         opened = runs[run]
-        self._client, self._opened, self._rng = client, opened, rng
+        self._client, self._opened, self._rng, self._run, self._page = client, opened, rng, run, page
         self._lock = threading.RLock()
         self._selected: tuple[str, ...] = ()
         self._hidden: frozenset[str] = frozenset()
         self._locked: frozenset[str] = frozenset()
         self._coloured: tuple[Structure, dict[str, Colour]] | None = None
         self._made: Made | None = None
-        self._shapes: dict[str, Document] = {}  # that were made here, by name, newest first
-        self._uploaded: dict[str, Mesh] = {}  # true surfaces of those from files, canonical, by name
-        self._pictures: list[tuple[State, Any]] = []  # thumbnails that wait for their surface
+        self._fine_since = time.monotonic()  # the fine surface is being made
+        self._asks = False  # whether the page asks before it is left
+        self._offered: list[tuple[tuple[int, str], Draft]] = []  # as shown
+        self._styles_shown = STYLES_SHOWN
+        self._ranked: tuple[Structure, list[str]] | None = None
+        self._ends: dict[tuple[str, int, int], Picture] = {}  # of directions, by shape, direction and end
+        self._shelf = Shelf(self._fresh, frozenset(opened.session.run.sequences), self._keep)
+        self._jobs = Jobs(self._show_stand, self._guarded, self._refuse)
         self._problem: Any = None  # the notification of the last one
         self._sliding: tuple[object, ...] = ()  # the control whose last operation is replaced while it moves on
-        self._document = self._fresh(opened.first)
+        self._document = self._shelf.take(opened.first)
         self._stage = Stage(client, self._click, self._moved, self._pulled)
         self._panel = Panel(
             client,
             Actions(
                 open_shape=self._open,
+                restore=self._restore,
+                forget=self._forget,
                 undo=self._undo,
                 redo=self._redo,
                 reset=self._reset,
@@ -144,8 +163,9 @@ class Tab:
                 help=self._help,
                 open_run=open_run,
                 set_parameter=self._set,
-                blend=self._blend,
-                mix=self._mix,
+                restyle=self._restyle,
+                more_styles=self._more_styles,
+                cancel=self._cancel,
                 direct=self._direct,
                 surprise=self._surprise,
                 generate=self._generate,
@@ -159,18 +179,19 @@ class Tab:
             tuple(runs),
             run,
             sorted(opened.session.run.sequences),
-            len(opened.styles.directions),
-            opened.session.styles.by_part,
+            [(round(float(low), 2), round(float(high), 2)) for low, high in opened.styles.ends],
             opened.generator is not None,
             self._guarded,
         )
         self._parts = PartList(client, self._pick, self._act, self._guarded)
         self._bind_keys()
         self._panel.shape.value = opened.first
-        self._worker = Worker(opened.session, pool, self._show, self._refuse)
+        self._worker = Worker(opened.session, pool, self._show, self._tell, self._refuse)
         self._stage.show_ground(self._document.state.cage)
         self._stage.frame(self._document.state.cage, "Perspective")
         self._redraw()
+        self._show_ends()
+        self.offer()
         self._worker.want(self._document.state)
 
     def _bind_keys(self) -> None:
@@ -197,6 +218,9 @@ class Tab:
 
     def close(self) -> None:
         """Free what the tab holds."""
+        self._jobs.cancel()
+        for kind in ("styles", "ends", "made"):
+            self._opened.thumbnails.forget((id(self), kind))
         self._worker.close()
         self._stage.close()
 
@@ -213,22 +237,33 @@ class Tab:
         if made.cells == FINE:
             health = Health.of(made.found, state, made.cells)
             self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
-            self._picture(made)
+        else:
+            self._fine_since = time.monotonic()
+
+    def _tell(self, done: float | None) -> None:
+        """Say how far the fine surface is, if that takes long."""
+        if not self._jobs.running and (done is None or time.monotonic() - self._fine_since > PATIENCE):
+            self._panel.show_work(None if done is None else "fine surface", done or 0.0)
+
+    def _show_stand(self, stand: Stand | None) -> None:
+        self._panel.show_work(None if stand is None else stand.job, 0.0 if stand is None else stand.done)
+        if stand is not None:
+            self._say(f"{stand} …")
+
+    def _cancel(self) -> None:
+        """Give up what is done in the background, or the fine surface."""
+        what = self._jobs.cancel()
+        if what is None:
+            self._worker.rest()
+        self._say(f"{what or 'fine surface'}: cancelled")
 
     def _nearness(self, mesh: Mesh) -> str:
         """How far a canonical surface is from that of the file that the shape comes from."""
-        truth = self._uploaded.get(self._document.name)
+        truth = self._shelf.truth(self._document.name)
         if truth is None or not len(mesh.faces):
             return ""
         distance = SurfaceDistance(truth).unsigned(mesh.vertices).mean() / self._document.state.similarity.scale
         return f"; {distance:.2g} from the file's surface on average"
-
-    def _picture(self, made: Made) -> None:
-        """Have the surface drawn for the thumbnails that wait for it: in a process, for which nobody waits."""
-        waiting = [image for state, image in self._pictures if state is made.state]
-        self._pictures = [pair for pair in self._pictures if pair[0] is not made.state]
-        if waiting and len(made.found.mesh.faces):
-            threading.Thread(target=_draw, args=(made.found.mesh, waiting), name="thumbnail", daemon=True).start()
 
     def _say(self, text: str) -> None:
         self._panel.status.value = text
@@ -288,8 +323,10 @@ class Tab:
         values = {} if placed is None else parameters(placed[0])
         self._panel.show_program(values, grouped(state.structure, values))
         self._panel.show_style(self._opened.styles.places(state.latent))
-        self._panel.show_shapes([*self._shapes], self._document.name)
-        truth = self._uploaded.get(self._document.name) or self._opened.truth(self._document.name)
+        self._panel.show_shapes(self._shelf.made, self._document.name)
+        self._panel.show_target(self._target or WHOLE)
+        self._show_styles(state)
+        truth = self._shelf.truth(self._document.name) or self._opened.truth(self._document.name)
         self._panel.truth.visible = truth is not None
         self._stage.show_truth(truth, self._panel.truth.value)
 
@@ -455,7 +492,10 @@ class Tab:
         if document.state.structure is not self._document.state.structure:
             self._stage.show_ground(document.state.cage)
         self._document, self._sliding = document, control
+        self._shelf.put(document)
         self._redraw()
+        self._panel.surface.value, self._panel.mark.value = "being made", ""
+        self._say(f"{document.name}: its surface is being made")
         self._worker.want(document.state)
 
     def _preview(self, operation: Operation) -> None:
@@ -567,24 +607,86 @@ class Tab:
         if parameter != NOTHING:
             self._do(Set(parameter=parameter, value=value, details=self._panel.details.value), ("set", parameter))
 
-    def _blend(self, shape_id: str, weight: float) -> None:
-        if shape_id != NOTHING:
-            self._do(Blend(style_of=shape_id, weight=weight), ("blend", shape_id))
+    # Style
 
-    def _mix(self, shape_id: str, weight: float) -> None:
+    @property
+    def _target(self) -> str:
+        """Names of the parts that a style is for; empty for the whole shape."""
+        return ", ".join(self._names) if self._opened.session.styles.by_part else ""
+
+    def _restyle(self, shape_id: str, weight: float) -> None:
         if shape_id == NOTHING:
             return
-        follow = {"mirror": self._mirror, "repeat": self._repeat, "details": self._panel.details.value}
-        mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, **follow)
-        self._do(mix, ("mix", self._selected, shape_id))
+        if self._target:
+            follow = {"mirror": self._mirror, "repeat": self._repeat, "details": self._panel.details.value}
+            mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, **follow)
+            self._do(mix, ("mix", self._selected, shape_id))
+        else:
+            self._do(Blend(style_of=shape_id, weight=weight), ("blend", shape_id))
 
     def _direct(self, direction: int, place: float) -> None:
-        code = self._opened.styles.moved(self._document.state.latent, direction, place)
-        self._do(Style(code=tuple(code.tolist())), ("direct",))
+        state = self._document.state
+        code = self._opened.styles.moved(state.latent, direction, place)
+        residuals = {
+            part: tuple(state.residuals[seen].tolist())
+            for part in state.cage.part_ids
+            if (seen := state.seen_as(part)) in state.residuals
+        }
+        self._do(Style(code=tuple(code.tolist()), residuals=residuals or None), ("direct",))
 
     def _surprise(self, temperature: float) -> None:
-        code = self._opened.styles.drawn(self._rng, temperature)
-        self._do(Style(code=tuple(code.tolist())))
+        """A new style, drawn until the surface holds."""
+        document, rng, styles = self._document, self._rng.spawn(1)[0], self._opened.session.styles
+
+        def work(progress: Progress) -> Callable[[], None]:
+            progress("learning what fits the cuboids")
+            codes = self._opened.codes()
+
+            def draw() -> Document:
+                return document.then(new_style(codes, rng, document.state, temperature), styles)
+
+            drawn = first_that_holds(self._opened.session, repeat(draw), progress)
+            return lambda: self._do(drawn.script[-1])
+
+        self._jobs.start("New style", work)
+
+    def _more_styles(self) -> None:
+        self._styles_shown += STYLES_SHOWN
+        self._show_styles(self._document.state)
+
+    def _show_styles(self, state: State) -> None:
+        """Pictures of the styles, those that fit best first; a new order where the structure is another one."""
+        if self._ranked is None or self._ranked[0] is not state.structure:
+            self._ranked = state.structure, ranked(state, self._opened.session.styles)
+        names = self._ranked[1]
+        if not self._panel.show_styles(names, self._styles_shown):
+            return
+        states = {name: partial(self._opened.session.opened, name) for name in names[: self._styles_shown]}
+        self._opened.thumbnails.want((id(self), "styles"), states, self._panel.styles.put)
+
+    def _show_ends(self) -> None:
+        """Pictures of the shape that is open at both ends of each principal direction."""
+        shape_id, space = self._document.shape_id, self._opened.styles
+        self._ends = {}
+
+        def at(direction: int, end: int) -> State:
+            state = self._opened.session.opened(shape_id)
+            place = float(space.ends[direction, end])
+            return replace(state, latent=space.moved(state.latent, direction, place))
+
+        def show(key: tuple[str, int, int], picture: Picture) -> None:
+            owner, direction, _ = key
+            if owner == self._document.shape_id:
+                self._ends[key] = picture
+                pair = [self._ends.get((owner, direction, end), blank()) for end in (0, 1)]
+                self._panel.ends[direction].image = np.hstack(pair)
+
+        states = {
+            (shape_id, direction, end): partial(at, direction, end)
+            for direction in range(len(space.directions))
+            for end in (0, 1)
+        }
+        self._opened.thumbnails.want((id(self), "ends"), states, show)
 
     # Shapes
 
@@ -592,126 +694,178 @@ class Tab:
         return Document.opened(shape_id, self._opened.session.opened(shape_id))
 
     def _open(self, name: str) -> None:
-        self._take(self._shapes.get(name) or self._fresh(name))
+        self._take(self._shelf.take(name))
 
     def _take(self, document: Document) -> None:
         """Go on with a document of its own."""
         self._selected, self._hidden, self._locked = (), frozenset(), frozenset()
+        other = document.shape_id != self._document.shape_id
         self._become(document)
         self._stage.frame(document.state.cage, "Perspective")
-        self._say(f"{document.name}: its surface is being made")
+        if other:
+            self._show_ends()
 
-    def _remember(self, document: Document) -> None:
+    def _remember(self, document: Document, truth: Mesh | None) -> None:
         """A shape that was made here: in the list, with a thumbnail, and open."""
-        self._shapes = {document.name: document, **self._shapes}
-        blank = np.full((PICTURE, PICTURE, 3), 255, np.uint8)
-        image = self._panel.add_made(document.name, blank, lambda: self._take(document))
-        self._pictures.append((document.state, image))
+        self._show_made(self._shelf.add(document, truth))
+
+    def _show_made(self, document: Document) -> None:
         self._take(document)
+        made = self._shelf.made
+        self._panel.made.show(made)
+        states = {(id(self), name): partial(self._first_state, name) for name in made}
+        owner = id(self), "made"
+        self._opened.thumbnails.want(owner, states, lambda key, picture: self._panel.made.put(key[1], picture), True)
 
-    def _new_name(self, text: str) -> str:
-        return free_name(text, [*self._shapes, *self._opened.session.run.sequences])
-
-    @contextmanager
-    def _working(self, what: str) -> Iterator[None]:
-        """Say meanwhile what is being done."""
-        self._say(f"{what} …")
-        notice = self._client.add_notification(what, "", loading=True, with_close_button=False)
-        try:
-            yield
-        finally:
-            notice.remove()
+    def _first_state(self, name: str) -> State:
+        return self._shelf.reset(name).state
 
     def _undo(self) -> None:
-        self._become(self._document.undone(self._opened.session.styles))
+        self._become(self._shelf.undone(self._document.name, self._opened.session.styles))
 
     def _redo(self) -> None:
         self._become(self._document.redone(self._opened.session.styles))
 
     def _reset(self) -> None:
-        self._become(self._document.reset())
+        self._become(self._shelf.reset(self._document.name))
 
     def _generate(self, temperature: float) -> None:
-        if self._opened.generator is None:
+        """A new shape in a new style, drawn until its surface holds."""
+        generator, start, rng = self._opened.generator, self._document.reset(), self._rng.spawn(1)[0]
+        if generator is None:
             raise InputError("this run has no generator of new cuboids")
-        with self._working("Drawing a new shape"):
-            built = self._draw(self._opened.generator, temperature)
-            code = self._opened.styles.drawn(self._rng, 1.0)
-            document = built.then(Style(code=tuple(code.tolist())), self._opened.session.styles)
-            self._remember(document.named(self._new_name("new")))
+        styles = self._opened.session.styles
 
-    def _draw(self, generator: Generator, temperature: float) -> Document:
-        """The first new structure that can be edited: a cuboid may be too thin for it."""
-        found = draw_cages(generator, self._rng, DRAWS, temperature)
-        reasons = [*found.failures]
-        for generated in found.kept:
-            try:
-                return self._built(generated)
-            except InputError as error:
-                reasons.append(str(error))
-        raise InputError(f"no draw gave a shape to edit: {'; '.join(reasons)}; lower the temperature")
+        def work(progress: Progress) -> Callable[[], None]:
+            progress("learning which styles fit which cuboids")
+            codes = self._opened.codes()
 
-    def _built(self, generated: Generated) -> Document:
-        structure = generated.structure
-        if structure.placed_program() is None:
-            structure = structure.with_cuboids(generated.cage.cuboids())
-        return self._document.then(Build(structure=structure.to_json()), self._opened.session.styles)
+            def draw() -> Document:
+                found = draw_cages(generator, rng, 1, temperature)
+                if not found.kept:
+                    raise InputError("; ".join(found.failures))
+                built = start.then(_build(found.kept[0]), styles)
+                return built.then(new_style(codes, rng, built.state, temperature), styles)
+
+            drawn = first_that_holds(self._opened.session, repeat(draw), progress)
+            return lambda: self._remember(drawn.named("new"), None)
+
+        self._jobs.start("New shape", work)
+
+    # Work that outlives the page
+
+    def _keep(self, entry: Entry) -> None:
+        self._page.keep(self._run, entry)
+        self._ask()
+
+    def _ask(self) -> None:
+        """Have the page ask before it is left, if something would be."""
+        if self._shelf.unsaved != self._asks:
+            self._asks = self._shelf.unsaved
+            ask_before_leaving(self._client, self._asks)
+
+    def offer(self) -> None:
+        """Show what was done in pages of this browser that are closed now."""
+        self._offered = list(self._page.offered(self._run).items())
+        self._panel.show_drafts([_in_words(draft, time.time()) for _, draft in self._offered])
+
+    def _restore(self, number: int) -> None:
+        key, draft = self._offered[number]
+        document = self._shelf.restore(draft, self._opened.session.styles)
+        self._page.drop(key)
+        self._show_made(document)
+        self.offer()
+
+    def _forget(self) -> None:
+        for key, _ in self._offered:
+            self._page.drop(key)
+        self.offer()
 
     # Files
 
     def _save(self) -> None:
         name = f"{self._document.name}.json"
         self._client.send_file_download(name, dump(self._document.script).encode(), save_immediately=True)
+        self._saved()
+
+    def _saved(self) -> None:
+        self._shelf.save(self._document.name)
+        self._ask()
 
     def _load(self, name: str, content: bytes) -> None:
         script = files.script_of(name, content)
-        self._become(self._document.reset().continued(script, self._opened.session.styles))
+        document = self._fresh(self._document.shape_id).continued(script, self._opened.session.styles)
+        self._shelf.take(document.name)
+        self._become(document)
         self._say(f"{name}: {len(script)} operations on {self._document.shape_id}")
 
     def _export(self, ending: str) -> None:
-        content = files.exported(self._fine(), self._document.state, ending)
-        self._download(f"{self._document.name}.{ending}", content)
+        self._write(f"{self._document.name}.{ending}", ending, files.exported)
 
     def _export_cuboids(self, ending: str) -> None:
-        content = files.exported_boxes(self._fine(), self._document.state, ending)
-        self._download(f"{self._document.name}-cuboids.{ending}", content)
+        self._write(f"{self._document.name}-cuboids.{ending}", ending, files.exported_boxes)
 
-    def _fine(self) -> Extraction:
-        """What `cagesdf edit` gives, canonical."""
+    def _write(self, name: str, ending: str, content_of: Callable[[Extraction, State, str], bytes]) -> None:
+        """A file of what `cagesdf edit` gives."""
         state, made = self._document.state, self._made
-        if made is None or made.state is not state or made.cells != FINE:
-            return self._opened.session.live(FINE).surface(state)
-        return made.found
+
+        def work(progress: Progress) -> Callable[[], None]:
+            if made is not None and made.state is state and made.cells == FINE:
+                found = made.found
+            else:
+                found = self._opened.session.live(FINE, each=progress.each("fine surface")).surface(state)
+            progress("writing", 0.9)
+            content = content_of(found, state, ending)
+            return lambda: self._download(name, content)
+
+        self._jobs.start(name, work)
 
     def _download(self, name: str, content: bytes) -> None:
         self._client.send_file_download(name, content, save_immediately=True)
         self._say(f"{name}: {len(content):,} bytes")
+        self._saved()
 
     def _upload_parts(self, name: str, content: bytes) -> None:
-        with self._working(f"{name}: fitting cuboids, and the style that explains it best"):
+        start, styles = self._document.reset(), self._opened.session.styles
+
+        def work(progress: Progress) -> Callable[[], None]:
             with TemporaryDirectory() as folder:
                 try:
-                    taken = self._opened.take(files.meshes_of(name, content, Path(folder)))
+                    taken = self._opened.take(files.meshes_of(name, content, Path(folder)), name, progress)
                 except InputError as error:
                     raise InputError(str(error).replace(f"{folder}/", "").replace(folder, name)) from error
-            styles = self._opened.session.styles
             build = Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers()))
-            document = self._document.then(build, styles).then(Style(code=tuple(taken.latent.tolist())), styles)
-            document = document.named(self._new_name(PurePosixPath(name).stem))
-            self._uploaded[document.name] = taken.truth
-            self._remember(document)
-        self._client.add_notification(name, f"{len(self._document.state.cage)} cuboids; {taken.verdict}")
+            residuals = {part: tuple(numbers) for part, numbers in taken.residuals.items()}
+            style = Style(code=tuple(taken.latent.tolist()), residuals=residuals)
+            document = start.then(build, styles).then(style, styles).named(PurePosixPath(name).stem)
+            return partial(self._uploaded, name, document, taken)
+
+        self._jobs.start(name, work)
+
+    def _uploaded(self, name: str, document: Document, taken: Taken) -> None:
+        self._remember(document, taken.truth)
+        self._client.add_notification(name, f"{len(document.state.cage)} cuboids; {taken.verdict}")
 
     def _upload_program(self, name: str, content: bytes) -> None:
-        document = self._built(of_program(files.program_of(name, content), self._opened.session.run))
-        self._remember(document.named(self._new_name(PurePosixPath(name).stem)))
+        program = of_program(files.program_of(name, content), self._opened.session.run)
+        document = self._document.reset().then(_build(program), self._opened.session.styles)
+        self._remember(document.named(PurePosixPath(name).stem), None)
 
 
-def _draw(mesh: Mesh, images: Sequence[Any]) -> None:
-    """A surface in some thumbnails."""
-    [pictures], _ = render_rows([[Scene(meshes=(mesh,), colours=(CLAY,))]], PICTURE)
-    for image in images:
-        image.image = side_by_side(pictures, 1)
+def _build(generated: Generated) -> Build:
+    structure = generated.structure
+    if structure.placed_program() is None:
+        structure = structure.with_cuboids(generated.cage.cuboids())
+    return Build(structure=structure.to_json())
+
+
+def _in_words(draft: Draft, now: float) -> str:
+    """Name, number of changes and age of a draft."""
+    changes = len(draft.script) - draft.made
+    minutes = max(now - draft.time, 0) / 60
+    age = "just now" if minutes < 1 else f"{minutes:.0f} min ago" if minutes < 60 else f"{minutes / 60:.0f} h ago"
+    what = f"{changes} change{'s' * (changes != 1)}" if changes else "as it was made"
+    return f"Continue {draft.name}: {what}, {age}"
 
 
 def _only(cage: Cage, parts: Sequence[str]) -> Cage:

@@ -40,10 +40,17 @@ class Worker:
     """A thread that makes surfaces for one tab. `close` ends it."""
 
     def __init__(
-        self, session: Session, pool: ThreadPoolExecutor, show: Callable[[Made], None], fail: Callable[[str], None]
+        self,
+        session: Session,
+        pool: ThreadPoolExecutor,
+        show: Callable[[Made], None],
+        tell: Callable[[float | None], None],
+        fail: Callable[[str], None],
     ) -> None:
-        """`show` is called from the thread with each surface, `fail` with what is wrong with a state; `pool` asks the
-        network, and may be shared."""
+        """`show` is called from the thread with each surface, `tell` with the share of a fine one's cuboids that is
+        done, None once it is made or given up, `fail` with what is wrong with a state; `pool` asks the network, and
+        may be shared."""
+        self._tell = tell
         self._pool = pool
         self._show, self._fail = show, fail
         self._coarse = session.live(COARSE, each=pool.map, fineness=PREVIEW)
@@ -63,6 +70,12 @@ class Worker:
             self._number += 1
             self._changed.notify()
 
+    def rest(self) -> None:
+        """Give the fine surface up that is being made, at the next cuboid; the coarse one stays."""
+        with self._changed:
+            self._number += 1
+            self._changed.notify()
+
     def close(self) -> None:
         """End the thread, at the next cuboid."""
         with self._changed:
@@ -76,7 +89,10 @@ class Worker:
             with saying(self._fail), suppress(Overtaken):
                 self._make(self._coarse, COARSE, state)
                 if self._rested():
-                    self._make(self._fine, FINE, state)
+                    try:
+                        self._make(self._fine, FINE, state)
+                    finally:
+                        self._tell(None)
 
     def _next(self) -> State | None:
         """The newest state, once there is one; None at the end."""
@@ -103,4 +119,7 @@ class Worker:
                 raise Overtaken
             return work(cuboid)
 
-        return self._pool.map(checked, cuboids)
+        wanted = list(cuboids)
+        for done, part in enumerate(self._pool.map(checked, wanted)):
+            self._tell((done + 1) / len(wanted))
+            yield part

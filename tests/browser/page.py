@@ -133,6 +133,11 @@ class EditorPage:
         self.page.get_by_role("button", name=re.compile(rf"^(▸ )?{re.escape(part)}$")).click()
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
+    def drawn_tile(self, name: str) -> bool:
+        """Whether there is a picture above a name that can be clicked: more than a blank one."""
+        tile = self.page.locator("button", has=self.page.locator("img.tile")).filter(has_text=re.compile(f"^{name}$"))
+        return tile.count() == 1 and len(tile.locator("img").get_attribute("src") or "") > 2000
+
     def click_nothing(self) -> None:
         """In the lower left corner of what is seen of the view, which neither the shape nor a notice reaches."""
         at = self.page.evaluate(

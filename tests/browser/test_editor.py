@@ -22,12 +22,13 @@ from cagesdf.editing.state import State
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.io.runs import read_run
 from cagesdf.meshes import is_closed
+from cagesdf.structure.stored import read_structure
 from cagesdf.viewing.picking import along, entries
 from cagesdf.viewing.scene import GIZMO_PIXELS, handle_place
 from cagesdf.viewing.server import Editor
 
 pytestmark = pytest.mark.slow
-VISITORS = 10  # at once
+VISITORS = 6  # at once
 Visit = Callable[[], EditorPage]
 
 
@@ -206,7 +207,7 @@ def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session
     page.select(name)
     centre, lengths = page.numbers(CENTRE), page.numbers(LENGTHS)
     page.tab("Style")
-    page.slide("Direction 1", 2.0)
+    page.slide("Direction 1", 1.0)
     page.settled(before)
     page.picture("style")
     page.tab("Cuboids")
@@ -229,14 +230,11 @@ def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_t
     page.tab("File")
     page.choose("Format", "obj")
     parts = dict(read_obj_groups(page.download("Export", tmp_path)))
-    page.tab("Style")
-    page.choose("Their style of", other)
-    page.refused("no part is selected")
-    page.choose("Their style of", "–")
     page.press("all 4: leg")
     page.until(lambda: page.status == f"selected: {', '.join(sorted(legs))}", "all legs selected")
     page.tab("Style")
-    page.choose("Their style of", other)
+    page.page.get_by_text(f"its style for {', '.join(sorted(legs))}").wait_for()
+    page.choose("Style of", other)
     after = page.settled(before)
     page.picture("mixed")
     assert [operation["op"] for operation in page.script(tmp_path)] == ["mix"]
@@ -255,7 +253,7 @@ def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_t
     page.choose("Format", "ply")
     assert trimesh.load(page.download("Export", tmp_path)).is_watertight
     page.tab("Style")
-    page.slide("Their way to it", 0.5)
+    page.slide("Towards it", 0.5)
     half = page.settled(after)
     assert [operation["weight"] for operation in page.script(tmp_path)] == [0.5]
     assert half not in (before, after)
@@ -288,18 +286,31 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     other.until(lambda: other.surface == after, "the surface of the script")
 
 
-def test_a_new_shape_comes_with_a_thumbnail_and_can_be_taken_up_again(visit: Visit) -> None:
+def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is_left(visit: Visit) -> None:
     page = visit()
-    before = page.settled()
+    before, opened = page.settled(), page.value("Shape")
+    page.tab("Style")
+    page.until(lambda: page.drawn_tile(opened), "a picture of the style")
+    page.picture("styles")
     page.tab("New")
     page.press("New shape")
-    first = page.settled(before)
-    page.until(lambda: page.page.get_by_role("button", name="Take new").count() == 1, "a thumbnail")
+    page.until(lambda: page.value("Shape") == "new", "a new shape")
+    first = page.settled()
+    page.until(lambda: page.drawn_tile("new"), "a picture of it")
     page.picture("generated")
-    page.press("Reset")
+    page.choose("Shape", opened)
     page.until(lambda: page.surface == before, "the surface at first")
-    page.press("Take new")
+    page.press("new")
     page.until(lambda: page.surface == first, "the new shape")
+    asked: list[str] = []
+    page.page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+    page.page.reload(wait_until="commit")
+    page.page.get_by_role("button", name="Continue new: as it was made").click()
+    page.until(lambda: page.value("Shape") == "new" and page.surface == first, "the new shape again")
+    page.picture("continued")
+    assert asked == ["beforeunload"]
+    page.press("Undo")
+    page.refused("nothing to take back")
 
 
 def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tmp_path: Path) -> None:
@@ -322,7 +333,9 @@ def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tm
     page.tab("View")
     page.slide("True shape", 0.5)
     page.picture("uploaded")
-    assert [operation["op"] for operation in page.script(tmp_path)] == ["build", "style"]
+    build, style = page.script(tmp_path)
+    assert (build["op"], style["op"]) == ("build", "style")
+    assert style["residuals"].keys() == read_structure(build["structure"]).cage().cuboids().keys()
     page.tab("Cuboids")
     page.select("back")
     np.testing.assert_allclose(page.numbers(CENTRE), [1000, 670, -180], atol=5)

@@ -1,0 +1,61 @@
+"""How commands speak: to people in sentences, to programs in JSON, and of work that takes long while it lasts."""
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+PATIENCE = 1.0  # seconds; work that takes no longer isn't spoken of
+
+Json = Annotated[
+    bool,
+    Parameter(
+        name="--json",
+        negative=(),
+        help="Print the JSON object to a terminal, too, instead of a sentence.",
+    ),
+]
+
+
+def tell(result: Mapping[str, Any], sentence: str, as_json: bool) -> None:
+    """Print what became of a command: the sentence to a terminal, otherwise, or if it is wanted, the result as JSON."""
+    print(json.dumps(result, ensure_ascii=False) if as_json or not sys.stdout.isatty() else sentence)
+
+
+@contextmanager
+def working(what: str, seconds: dict[str, float] | None = None, name: str = "") -> Iterator[None]:
+    """Say on standard error what is done inside, if that takes longer than PATIENCE; note the time in `seconds`."""
+    start = time.perf_counter()
+    timer = threading.Timer(PATIENCE, _say, [f"{what} …"])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+    if seconds is not None:
+        seconds[name] = round(time.perf_counter() - start, 4)
+
+
+class Count:
+    """How many of some items are done, said on standard error at most once in PATIENCE seconds."""
+
+    def __init__(self, what: str, total: int) -> None:
+        self._what, self._total, self._done = what, total, 0
+        self._last = time.perf_counter()
+
+    def __call__(self) -> None:
+        """One more is done."""
+        self._done += 1
+        if (now := time.perf_counter()) - self._last > PATIENCE:
+            self._last = now
+            _say(f"{self._what}: {self._done:,} of {self._total:,}")
+
+
+def _say(text: str) -> None:
+    print(f"cagesdf: {text}", file=sys.stderr, flush=True)

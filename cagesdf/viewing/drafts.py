@@ -1,0 +1,129 @@
+"""Work that outlives its page: kept for a day for the browser that it was done in, and offered there again."""
+
+import re
+import secrets
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Set
+from dataclasses import dataclass
+
+from cagesdf.editing.document import Document
+from cagesdf.editing.script import Script, dump
+from cagesdf.meshes import Mesh
+
+DAY = 86_400.0  # seconds
+MOST = 20  # drafts of one browser
+MOST_BYTES = 200_000_000  # of all drafts together
+_TOKEN = re.compile(r"[\w-]{43}", re.ASCII)  # 32 random bytes, as `secrets` writes them
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A document, and what was before anything was done to it here."""
+
+    first: Document  # as it was opened, or made
+    last: Document
+    truth: Mesh | None  # the surface of the file that it comes from, canonical
+    saved: Document  # the one that was saved or exported last; `first` without any
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """What was made of a shape."""
+
+    run: str  # by name
+    shape_id: str  # the shape of the run that it starts from
+    name: str  # what the user calls it
+    script: Script  # that leads to it
+    made: int  # operations of it that made the shape: undo and reset go no further back
+    truth: Mesh | None  # the surface of the file that it comes from, canonical
+    time: float  # of the last change, seconds
+    bytes: int  # that it takes, about
+
+    @staticmethod
+    def of(entry: Entry, run: str, now: float) -> "Draft":
+        """A document as it is now."""
+        document, truth = entry.last, entry.truth
+        size = len(dump(document.script)) + (0 if truth is None else truth.vertices.nbytes + truth.faces.nbytes)
+        return Draft(run, document.shape_id, document.name, document.script, len(entry.first.script), truth, now, size)
+
+
+class Drafts:
+    """The drafts of all browsers, in memory, each known by a token that no other browser has.
+
+    The oldest ones go where there are more than may be: MOST for each browser, MOST_BYTES altogether, DAY old.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        # By browser, page and name; the one that changed last is at the end.
+        self._drafts: OrderedDict[tuple[str, int, str], Draft] = OrderedDict()
+
+    def keep(self, browser: str, page: int, run: str, entry: Entry) -> None:
+        """A document that changed in a page; one that is as it was opened is nothing to keep."""
+        key = browser, page, entry.last.name
+        with self._lock:
+            self._drafts.pop(key, None)
+            if entry.last.script:
+                self._drafts[key] = Draft.of(entry, run, self._clock())
+            self._tidy(browser)
+
+    def of(self, browser: str) -> dict[tuple[int, str], Draft]:
+        """A browser's drafts by page and name, the newest first."""
+        with self._lock:
+            self._tidy(browser)
+            return {key[1:]: draft for key, draft in reversed(self._drafts.items()) if key[0] == browser}
+
+    def drop(self, browser: str, page: int, name: str) -> None:
+        """Forget a draft."""
+        with self._lock:
+            self._drafts.pop((browser, page, name), None)
+
+    def _tidy(self, browser: str) -> None:
+        now = self._clock()
+        own = [key for key in self._drafts if key[0] == browser]
+        for key in own[: max(len(own) - MOST, 0)]:
+            del self._drafts[key]
+        total = sum(draft.bytes for draft in self._drafts.values())
+        for key, draft in list(self._drafts.items()):
+            if now - draft.time <= DAY and total <= MOST_BYTES:
+                break
+            total -= draft.bytes
+            del self._drafts[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A page of a browser, and what it may know of that browser's drafts."""
+
+    drafts: Drafts
+    browser: str  # its token
+    number: int  # of the page
+    open: Callable[[], Set[int]]  # numbers of the pages that are open
+
+    def keep(self, run: str, entry: Entry) -> None:
+        """A document that changed in this page."""
+        self.drafts.keep(self.browser, self.number, run, entry)
+
+    def offered(self, run: str) -> dict[tuple[int, str], Draft]:
+        """Drafts of a run, by page and name, whose pages are no longer open; the newest first."""
+        here = self.open()
+        return {
+            key: draft for key, draft in self.drafts.of(self.browser).items() if key[0] not in here and draft.run == run
+        }
+
+    def drop(self, key: tuple[int, str]) -> None:
+        """Forget a draft of this browser."""
+        self.drafts.drop(self.browser, *key)
+
+
+def new_token() -> str:
+    """A name for a browser that nobody can guess."""
+    return secrets.token_urlsafe(32)
+
+
+def is_token(text: str) -> bool:
+    """Whether it may be one of `new_token`."""
+    return _TOKEN.fullmatch(text) is not None

@@ -1,0 +1,53 @@
+"""New styles and new shapes, drawn until one holds."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from cagesdf.editing.document import Document
+from cagesdf.editing.health import Health
+from cagesdf.editing.script import Style
+from cagesdf.editing.session import Live, Session
+from cagesdf.editing.state import State
+from cagesdf.errors import InputError
+from cagesdf.extraction import PREVIEW
+from cagesdf.generating import CodeSource
+from cagesdf.viewing.jobs import Progress
+from cagesdf.viewing.worker import COARSE
+
+TRIES = 5  # draws of a style, or of a shape with its style, of which the first that holds is taken
+
+
+def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], progress: Progress) -> Document:
+    """Of at most TRIES documents that are drawn, the first whose surface is in as many pieces as its cuboids are.
+
+    Otherwise the one that is torn least. A draw that raises InputError is none; it is raised if all are so.
+    """
+    live = session.live(COARSE, each=progress.each("surface of the draw"), fineness=PREVIEW)
+    best, least, reasons = None, np.inf, []
+    for number, (_, draw) in enumerate(zip(range(TRIES), drawn)):
+        progress(f"draw {number + 1} of at most {TRIES}", number / TRIES)
+        try:
+            document = draw()
+        except InputError as error:
+            reasons.append(str(error))
+            continue
+        torn = tears(session, document.state, live)
+        if torn < least:
+            best, least = document, torn
+        if not torn:
+            break
+    if best is None:
+        raise InputError(f"no draw gave a shape to edit: {'; '.join(dict.fromkeys(reasons))}; lower the temperature")
+    return best
+
+
+def tears(session: Session, state: State, live: Live) -> int:
+    """How many parts of a state's surface are in pieces or missing, and how many pieces it has too many."""
+    health = Health.of(live.surface(state), state, COARSE, PREVIEW)
+    return len(health.torn) + max(health.components - health.expected, 0)
+
+
+def new_style(source: CodeSource, rng: np.random.Generator, state: State, temperature: float) -> Style:
+    """A style that was drawn for a state's cuboids."""
+    return Style(code=tuple(source.draw(rng, state.cage, temperature).latent.tolist()))
