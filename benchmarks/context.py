@@ -1,4 +1,4 @@
-"""What a part's code gains from the other parts: decoders whose parts see each other, know how they relate, or neither.
+"""Gain of a part's code from the other parts: decoders whose parts see each other, know how they relate, or neither.
 
     python -m benchmarks.context [chair table vase] [--steps 1400] [--seeds 4 5] [--shapes 6] [--parts 3]
 

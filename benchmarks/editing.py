@@ -1,4 +1,4 @@
-"""How long an edit takes until its surface is there, as an editor makes it: operation by operation.
+"""Latency from an edit to its surface, as in an editor: operation by operation.
 
     python -m benchmarks.editing data/runs/chair/cagesdf data/runs/table/cagesdf data/runs/vase/cagesdf [--edits 200]
 

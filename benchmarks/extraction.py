@@ -1,4 +1,4 @@
-"""What extraction costs and keeps: the tables of docs/extraction.md.
+"""Cost and accuracy of extraction: the tables of docs/extraction.md.
 
     OMP_NUM_THREADS=1 python -m benchmarks.extraction methods [--shapes 8]
     OMP_NUM_THREADS=1 python -m benchmarks.extraction memory chair 0
@@ -69,8 +69,8 @@ def methods(runs: list[Path], shapes: int) -> None:
 
 
 def compared(field: CageField, resolution: int) -> tuple[float, ...]:
-    """Of one shape: points asked densely and sparsely, seconds of both, faces, the share that the cage cut off, whether
-    the surfaces are equal bit for bit, and how far they leave the cage."""
+    """Figures of one shape: points evaluated densely and sparsely, seconds of both, faces, the share that the cage cut
+    off, whether the surfaces are equal bit for bit, and how far they leave the cage."""
     slow, dense = timed(lambda: extract(field, resolution, METHODS["dense"]))
     fast, sparse = timed(lambda: extract(field, resolution))
     equal = np.array_equal(dense.mesh.vertices, sparse.mesh.vertices)

@@ -1,4 +1,4 @@
-"""How well shapes that were not trained on are fitted, against those that were.
+"""Quality of fitting shapes that were not trained on, against those that were.
 
     python -m benchmarks.fit_codes [chair table vase] [--runs data/runs] [--arm cagesdf] [--source FOLDER]
 
@@ -58,7 +58,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
 
 
 def fitted(run: Run, known: inference.Known, source: ShapeSource) -> dict[str, Any]:
-    """What `cagesdf fit` reports of one shape, the distance with one code alone, and seconds."""
+    """The report of `cagesdf fit` on one shape, with the distance for one code alone, and seconds."""
     start = time.process_time()
     settings = usual_settings()
     rng = np.random.default_rng(0)

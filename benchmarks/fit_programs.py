@@ -1,4 +1,4 @@
-"""How fast programs are fitted, and how well, beside the paper's appendix to the letter.
+"""Speed and quality of fitting programs, beside the paper's appendix to the letter.
 
     python -m benchmarks.fit_programs --programs FOLDER --shapes 100 --adam 12
 

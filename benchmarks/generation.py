@@ -1,4 +1,4 @@
-"""How many new shapes a second: the table of docs/generation.md.
+"""Speed of generation in shapes a second: the table of docs/generation.md.
 
     OMP_NUM_THREADS=1 python -m benchmarks.generation [--shapes 48] [--cells 64]
 

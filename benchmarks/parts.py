@@ -1,4 +1,4 @@
-"""How good surfaces are after so many processor seconds of training: the part model beside the baselines.
+"""Quality of surfaces after given processor seconds of training: the part model beside the baselines.
 
     python -m benchmarks.parts [chair table vase] [--seconds 60 180 600] [--seeds 4 5 6] [--arms cagesdf …] [--shapes 4]
 
@@ -50,7 +50,7 @@ def trained(arm: str, category: str, out: Path, **changes: Any) -> float:
 
 
 def steps_in(seconds: float, arm: str, category: str, folder: Path) -> int:
-    """Steps of an arm that this machine does in so many seconds."""
+    """Steps of an arm that this machine does in `seconds`."""
     trained(arm, category, folder / f"trial-{arm}-warm", steps=1)  # what the first training alone takes
     few, many = (trained(arm, category, folder / f"trial-{arm}-{n}", steps=n) for n in (1, 1 + TRIAL))
     return max(int(seconds * TRIAL / (many - few)), 1)

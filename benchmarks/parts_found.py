@@ -1,4 +1,4 @@
-"""How well cuboids of found parts fit shapes that come as one mesh, beside other ways to get boxes.
+"""Fit of the cuboids of found parts to shapes that come as one mesh, beside other methods to get boxes.
 
     python -m benchmarks.parts_found [--shapes 6] [--ways found …] [--procedural chair …] [--united chair …]
         [--whole FOLDER …] [--parts FOLDER …]
@@ -133,7 +133,7 @@ def figures(solid: Mesh, boxes: Cage, true: list[Mesh] | None) -> list[float]:
 
 
 def outer_volume(surface: SurfaceDistance, low: np.ndarray, high: np.ndarray) -> float:
-    """Of a solid with what it encloses from five of six sides, on a grid."""
+    """Volume of a solid and of the space that it encloses from five of six sides, on a grid."""
     cells = (np.indices((GRID,) * 3).reshape(3, -1).T + 0.5) / GRID * (high - low) + low
     inside = surface.inside(cells).reshape((GRID,) * 3)
     sides = np.zeros(inside.shape, np.int64)

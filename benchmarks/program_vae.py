@@ -1,4 +1,4 @@
-"""The programs' autoencoder: how fast it trains, and what it makes of published programs (docs/generation.md).
+"""The programs' autoencoder: its speed of training, and its results on published programs (docs/generation.md).
 
     python -m benchmarks.program_vae speed FOLDER
     python -m benchmarks.program_vae train FOLDER TRAIN_IDS VAL_IDS [steps] [width] [code] [divergence]
@@ -139,7 +139,7 @@ def train(folder: Path, train_ids: Path, val_ids: Path, steps: int, width: int, 
 
 
 def share(flags: "map[bool]") -> str:
-    """In per cent."""
+    """Share of true flags, in per cent."""
     return f"{np.mean(list(flags)):.1%}"
 
 

@@ -1,4 +1,4 @@
-"""How fast ShapeAssembly programs are read, executed and differentiated, and whether they give the published cuboids.
+"""Speed of reading, executing and differentiating ShapeAssembly programs, and agreement with the published cuboids.
 
     python -m benchmarks.programs --programs FOLDER [--cuboids FILE.jsonl.gz]
 
@@ -31,7 +31,7 @@ DIFFERENTIATED = 300  # programs, evenly chosen
 
 
 def seconds(work: Callable[[Any], object], items: list[Any]) -> float:
-    """How long `work` takes for an item, median over repetitions."""
+    """Seconds of `work` for one item, median over repetitions."""
     times = []
     for _ in range(REPETITIONS):
         start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""How fast shapes are sampled, in how much memory, and at how many distances a point.
+"""Speed and memory of sampling shapes, and the distances that it computes a point.
 
     python -m benchmarks.sampling
 

@@ -1,4 +1,4 @@
-"""How often the two tests of stability agree on published programs: the table of docs/generation.md.
+"""Agreement of the two tests of stability on published programs: the table of docs/generation.md.
 
     python -m benchmarks.stability FOLDER [--shapes 500]
 

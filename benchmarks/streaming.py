@@ -1,4 +1,4 @@
-"""How fast training points come from shards that don't fit into memory, and how much memory that takes.
+"""Speed and memory of reading training points from shards that don't fit into memory.
 
     python -m benchmarks.streaming 40 500        # million points, limit in MB
 
@@ -100,7 +100,7 @@ def write(folder: Path, cages: dict[str, Sequence], points: int) -> None:
 
 
 def alone(data: StreamedPoints, batch: int) -> float:
-    """Points a second that the reader gives when nobody else works."""
+    """Points a second of the reader on an idle machine."""
     latents = LatentTable.drawn(data.latent_keys("source"), 32, 0.01, 0)
     batches = data.batches(latents, batch, 1, 0)
     batches.at(0)

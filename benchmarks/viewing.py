@@ -1,4 +1,4 @@
-"""How long a drag takes until the surface follows, through a browser: the table of docs/editor.md.
+"""Latency from a drag to its surface, through a browser: the table of docs/editor.md.
 
     python -m benchmarks.viewing [data/runs/chair/cagesdf] [--moves 60]
 
@@ -53,7 +53,7 @@ def grip(cage: Cage, part: str, camera: Camera) -> np.ndarray:
 def drags(
     page: EditorPage, camera: Camera, cage: Cage, parts: list[tuple[str, str]], moves: int
 ) -> dict[int, list[tuple[float, float]]]:
-    """Seconds by cells: of each movement until that surface is there, and of making the surface alone."""
+    """Seconds by cells: from each movement to its surface, and of the extraction alone."""
     found: dict[int, list[tuple[float, float]]] = {COARSE: [], FINE: []}
     mouse = page.page.mouse
     for part, name in parts * moves:

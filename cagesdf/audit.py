@@ -1,4 +1,4 @@
-"""Can a shape's sign be trusted? Looked at from two sides that share nothing with the repair.
+"""Audit of a shape's sign, by two tests that share nothing with the repair.
 
 Rays through the faces as they were read vote on points, whatever the faces' orientation: a line
 from a point out of a solid crosses its surface an odd number of times. And a shape that fills much
@@ -19,7 +19,7 @@ POINTS = 512  # in the boxes of a shape's parts, as many in each
 LEAST = 8  # in a part's box, however many parts there are
 LINES = 5  # through each point: two rays each
 AGREED = 0.75  # of the rays: with fewer on either side, a point isn't clear
-NEAR = 2e-3  # canonical units: points nearer to the surface aren't asked; plates and caps lie there
+NEAR = 2e-3  # canonical units: points nearer to the surface aren't used; plates and caps lie there
 MAX_PAIRS = 20_000_000  # of a face and a point that lie in one strip, a line; with more there is no audit
 BATCH = 1_000_000  # of them, at a time
 DIFFERING = 0.02  # share of the clear points: a shape with more is to be looked at
@@ -53,7 +53,7 @@ def _spread(count: int) -> Float[ndarray, "n 3"]:
 
 
 def _part_vote(mesh: Mesh, points: Float[ndarray, "n 3"], tolerance: float) -> Int[ndarray, " n"]:
-    """`vote` of the welded mesh, asked only for points in its box."""
+    """`vote` of the welded mesh, evaluated only for points in its box."""
     votes = np.full(len(points), -1)
     boxed = ((points >= mesh.vertices.min(0)) & (points <= mesh.vertices.max(0))).all(1)
     if boxed.any():
@@ -120,7 +120,7 @@ def _crossings(
 
 
 def with_outliers(shapes: list[Shape]) -> list[Shape]:
-    """The shapes of a category, each told how far it lies from the others in the share of its box that it fills.
+    """The shapes of a category, each with its outlier score: how unusual is the share of its box that it fills.
 
     The robust z-score of the share's logarithm: distance from the median in units of 1.4826 times the
     median distance, the standard deviation of a normal distribution. Zero with fewer than FEWEST shapes.
@@ -134,7 +134,7 @@ def with_outliers(shapes: list[Shape]) -> list[Shape]:
 
 
 def flags(shape: Shape) -> list[str]:
-    """Why a shape should be looked at; usually empty."""
+    """Reasons why a shape should be looked at; usually empty."""
     found = []
     audited = shape.audit
     if audited.differ > DIFFERING * audited.clear:

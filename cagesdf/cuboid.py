@@ -98,7 +98,7 @@ class Cage:
         return {part_id: self[part_id] for part_id in self.part_ids}
 
     def vectors(self) -> Float[ndarray, "p 15"]:
-        """What the network is given (§3.1): centre (3), axes by rows (9), full lengths (3)."""
+        """The network's input (§3.1): centre (3), axes by rows (9), full lengths (3)."""
         return np.concatenate([self.centre, self.axes.reshape(-1, 9), self.size], axis=1)
 
     def corners(self) -> Float[ndarray, "p 8 3"]:
@@ -146,7 +146,7 @@ class Cage:
         return found
 
     def _blocks(self, points: Float[ndarray, "n 3"]) -> Iterator[tuple[slice, Float[ndarray, "p k"]]]:
-        """Signed distances to all cuboids, for rows of points in turn: what is at work stays in the cache."""
+        """Signed distances to all cuboids, for rows of points in turn, few enough for the processor's cache."""
         half = self.size[:, :, None] / 2
         for start in range(0, len(points), BLOCK):
             rows = slice(start, min(start + BLOCK, len(points)))

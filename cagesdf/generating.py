@@ -42,7 +42,7 @@ class Code:
     """A latent code that was drawn."""
 
     latent: Float32[ndarray, " d"]
-    effective: float  # number of kernels that it could be from
+    effective: float  # number of kernels that it may come from
 
 
 class CodeSource(ABC):
@@ -53,7 +53,7 @@ class CodeSource(ABC):
         """A code for a cage. `temperature` scales how far codes are from the training codes, or from their mean."""
 
     def about(self) -> dict[str, Any]:
-        """What is to be known of it, for JSON."""
+        """Facts about the source, for JSON."""
         return {}
 
 
@@ -79,13 +79,13 @@ class Dependent(CodeSource):
 
     @staticmethod
     def fit(kde: LatentKde, cages: Sequence[Cage], tau: float | None) -> "Dependent":
-        """`tau` None: that under which the training codes are likeliest, each given the other shapes."""
+        """A density with `tau`, or if it is None with that under which the training codes are likeliest."""
         apart = cage_distances(cages, cages)
         chosen = kde.likeliest_tau(apart) if tau is None else tau
         return Dependent(kde, cages, chosen, float(np.median(effective_number(similarity_weights(apart, 1.0)))))
 
     def weights(self, cage: Cage) -> np.ndarray:
-        """Of the kernels, for one cage: a row."""
+        """The kernels' weights for one cage, as one row."""
         return similarity_weights(cage_distances([cage], self.cages), self.tau)
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
@@ -99,7 +99,7 @@ class Dependent(CodeSource):
 
 @dataclass(frozen=True, eq=False)
 class Isotropic(CodeSource):
-    """DeepSDF's: one Gaussian fitted to all codes."""
+    """DeepSDF's density: one Gaussian fitted to all codes."""
 
     gaussian: IsotropicGaussian
 
@@ -119,7 +119,7 @@ def has_cuboids(run: Run) -> bool:
 
 
 def methods_of(run: Run) -> tuple[str, ...]:
-    """The ways to draw codes for an arm: Table 3's."""
+    """The methods of drawing codes for an arm, as in Table 3."""
     return ("independent", "dependent") if has_cuboids(run) else ("isotropic",)
 
 
@@ -175,7 +175,7 @@ def of_program(program: AssemblyProgram, run: Run) -> Generated:
 
 @dataclass(frozen=True)
 class Extracting:
-    """How surfaces are taken out of the network, and what is asked of their cages."""
+    """Settings of the extraction of new surfaces, and the test of stability for their cages."""
 
     resolution: int  # cells along [-HALF_EXTENT, HALF_EXTENT]
     loose: Loose
@@ -203,16 +203,16 @@ def orders(
     rng_of: Callable[[int], np.random.Generator],
     temperature: float,
 ) -> Iterator[Order]:
-    """Shapes of some draws, numbered, by one method: equal numbers have the same random numbers whatever it is."""
+    """Orders for numbered draws by one method; orders with equal numbers share random numbers across methods."""
     for i, (number, generated) in enumerate(drawn):
         code = source.draw(rng_of(i), generated.cage if generated is not None else NO_CAGE, temperature)
         yield Order(method, f"{i:05d}", seed, number, generated, code)
 
 
 def in_order(pool: Executor, make: Callable[[Item], Result], items: Iterable[Item], ahead: int) -> Iterator[Result]:
-    """What a pool makes of each item, in order; at most `ahead` are made, or being made, beyond the one that is taken.
+    """Results of a pool for each item, in order; at most `ahead` are submitted beyond the one that is consumed.
 
-    A pool's own `map` would make all of them, however slowly they are taken.
+    A pool's own `map` would submit all items at once, however slowly the results are consumed.
     """
     waiting: deque[Future[Result]] = deque()
     for item in items:
@@ -268,9 +268,9 @@ def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extract
 
 
 def counts(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
-    """How many rows of an index are what: `shapes` (all), `ok`, `empty`, `broken`, `one_piece`.
+    """Counts of an index's rows: `shapes` (all), `ok`, `empty`, `broken`, `one_piece`.
 
-    Of an arm with cuboids also `rooted`, `stable`, and `floating`: cuboids in mid-air that were left out.
+    For an arm with cuboids also `rooted`, `stable`, and `floating`: cuboids in mid-air that were left out.
     """
     found = dict.fromkeys(("shapes", OK, EMPTY, BROKEN, "one_piece"), 0)
     checks = dict.fromkeys(("rooted", "stable", "floating"), 0)

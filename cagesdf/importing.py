@@ -23,7 +23,7 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 STAGE = "import_shapes"
 BATCH = 1_000_000  # points whose distances are asked for together
-LEAST_LOST = 5e-5  # share of a part's surface that `verdict` mentions: what rounds to 0.01 %
+LEAST_LOST = 5e-5  # share of a part's surface that `verdict` mentions: it rounds to 0.01 %
 SHOWN = 20  # shapes to look at, and rejected ones, that the summary lists
 
 
@@ -183,7 +183,7 @@ def signed_distances(shape: Shape, points: Float[ndarray, "n 3"]) -> Float[ndarr
 
 
 def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
-    """What became of the shapes: how many passed, were repaired and how, were rejected and why."""
+    """Summary of an import: numbers of shapes that passed, were repaired and how, were rejected and why."""
     repaired = sum(shape.status == "repaired" for shape in shapes)
     methods = [part.repair.method for shape in shapes for part in shape.parts]
     counts = ", ".join(f"{methods.count(method)} {method}" for method in METHODS if method in methods)
@@ -201,7 +201,7 @@ def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
 
 
 def verdict(shape: Shape) -> str:
-    """What became of one shape, in a line: passed, or repaired how, and why it should be looked at."""
+    """The result of one shape in a line: passed, or repaired and how, and why it should be looked at."""
     counts = Counter(part.repair.method for part in shape.parts if part.repair.method != "none")
     repairs = [f"{counts[method]} {method}" for method in METHODS if counts[method]]
     told = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
@@ -213,7 +213,7 @@ def verdict(shape: Shape) -> str:
 
 
 def repair_report(shape: Shape) -> dict[str, Any]:
-    """What was done to the parts of a shape and what is to be looked at, for JSON; volumes in cubic raw units."""
+    """Repairs of a shape's parts and reasons to look at it, for JSON; volumes in cubic raw units."""
     unit = shape.similarity.scale**3
     parts = [
         {"part": part.part_id, "label": part.label, **vars(part.repair), "volume": part.repair.volume / unit}
@@ -224,7 +224,7 @@ def repair_report(shape: Shape) -> dict[str, Any]:
 
 
 def _origin_lines(shapes: list[Shape]) -> list[str]:
-    """Whose parts the shapes have; nothing where all have those of their files."""
+    """Origins of the shapes' parts; empty if all have those of their files."""
     kinds = Counter(shape.origin.parts for shape in shapes)
     if all(shape.origin == GIVEN for shape in shapes):
         return []
@@ -238,7 +238,7 @@ def _first(lines: list[str], table: str) -> list[str]:
 
 
 def _alignment_line(shapes: list[Shape]) -> list[str]:
-    """How well programs fit their parts before they are fitted; nothing without programs."""
+    """Quality of the programs' alignment with their parts before fitting; empty without programs."""
     found = [(part.iou, shape.shape_id, part.part_id) for shape in shapes for part in shape.alignment]
     if not found:
         return []

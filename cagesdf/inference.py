@@ -35,7 +35,7 @@ MEASURED = ("surface_distance", "accuracy", "completeness", "nc_signed", "iou")
 # A shape is far from the training shapes beyond these; docs/fit.md has what they are drawn from.
 FAR_RESIDUAL = 3.0  # times the training shapes' median residual, and beyond the largest of them
 FAR_CODE = 1.75  # times the largest distance of a training code to its nearest one
-FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter than the shortest by as much
+FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter than the shortest divided by it
 
 
 # Shapes are prepared and surfaces measured as params.yaml does; codes are found as was best on half of the default
@@ -53,7 +53,7 @@ INFERENCE: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a shape is prepared, as for training, and how its code is found."""
+    """Settings for preparing a shape, as for training, and for finding its code."""
 
     slack: float  # these four as `fit_cage`'s
     min_size: float
@@ -75,7 +75,7 @@ class Prepared:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What the training shapes are like."""
+    """Statistics of the training shapes that a new shape is judged by."""
 
     residuals: Mapping[str, float]  # by shape id; see `rest_residuals`
     codes: Mapping[str, Float32[ndarray, " d"]]  # by shape id, at rest
@@ -90,7 +90,7 @@ class Known:
         return Known(residuals, codes, np.array([sides(run.sequences[shape_id].cages[0]) for shape_id in codes]))
 
     def spacing(self) -> Float[ndarray, " r"]:
-        """The distance of each code to the nearest other one; nothing where there is one alone."""
+        """The distance of each code to the nearest other one; empty for a single code."""
         codes = np.stack([*self.codes.values()])
         apart = np.linalg.norm(codes[:, None] - codes, axis=2)
         np.fill_diagonal(apart, np.inf)
@@ -107,7 +107,7 @@ class Verdict:
     largest: float  # of them
     nearest: str  # the training shape with the nearest code
     distance: float  # of its code
-    widest: float  # the largest distance of a training code to its nearest one; 0 where there is one alone
+    widest: float  # the largest distance of a training code to its nearest one; 0 for a single code
     sides: tuple[float, float, float]  # of the box around its cage along x, y, z, canonical
     shortest: tuple[float, float, float]  # of these sides of the training shapes
     longest: tuple[float, float, float]
@@ -146,7 +146,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A shape that was not trained on, as the network has it."""
+    """A shape that was not trained on, as the network represents it."""
 
     prepared: Prepared
     inferred: Inferred
@@ -203,7 +203,7 @@ def fit_code(run: Run, known: Known, prepared: Prepared, settings: InferenceSett
 
 
 def sides(cage: Cage) -> Float[ndarray, " 3"]:
-    """Of the box around a cage along the canonical axes."""
+    """Sides of the box around a cage along the canonical axes, canonical units."""
     return np.ptp(cage.corners().reshape(-1, 3), axis=0)
 
 
@@ -228,7 +228,7 @@ def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
 
 
 def fitted_field(run: Run, fit: Fit) -> CageField:
-    """What the network says of a fitted shape: each part has its code with its residual."""
+    """The network's field for a fitted shape: each part has its code plus its residual."""
     cage = fit.prepared.fitted.cage
     return CageField(run.decoder, part_codes(run.decoder, fit.inferred.code, cage) + fit.inferred.residual, cage)
 
@@ -242,14 +242,14 @@ def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
 
 
 def measure(fit: Fit, mesh: Mesh, points: int, detail: float, rng: np.random.Generator) -> dict[str, float]:
-    """How far a fitted surface is from the shape's own: MEASURED of `score`, in whose units."""
+    """Distance of a fitted surface from the shape's own: the figures MEASURED of `score`, in its units."""
     truth = Truth(fit.prepared.surface, fit.prepared.fitted.cage, detail)
     figures = score(Measured(mesh), truth, truth.drawn(points, rng), rng)
     return {name: figures[name] for name in MEASURED}
 
 
 def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
-    """What became of a shape, for JSON. Residuals are in the decoder's unit, as the training shapes' are."""
+    """The result for a shape, for JSON. Residuals are in the decoder's unit, as the training shapes' are."""
     shape, verdict, inferred = fit.prepared.shape, fit.verdict, fit.inferred
     return {
         "shape_id": shape.shape_id,

@@ -1,4 +1,4 @@
-"""What only pymeshlab can do, in a process of its own: some meshes keep it busy for hours, or crash it.
+"""Pymeshlab's filters in a process of their own: some meshes keep it busy for hours, or crash it.
 
     python -m cagesdf.meshlab SECONDS alpha_wrap ALPHA OFFSET
     python -m cagesdf.meshlab SECONDS self_union
@@ -48,7 +48,7 @@ def self_union(
 def _run(
     seconds: int, work: list[str], vertices: Float[ndarray, "v 3"], faces: Int[ndarray, "f 3"]
 ) -> tuple[Float[ndarray, "w 3"], Int[ndarray, "g 3"]]:
-    """What the process makes of a mesh.
+    """The mesh that the process makes of another one.
 
     It is killed after `seconds` of CPU time: time on the clock would make results depend on what
     else runs. Raises NotSolidError if it was killed, crashed or failed, InputError with the line
@@ -87,7 +87,7 @@ def _unpacked(content: bytes) -> tuple[Float[ndarray, "v 3"], Int[ndarray, "f 3"
 
 
 def _work(seconds: int, name: str, lengths: list[float]) -> None:
-    """What the process does."""
+    """Body of the process: limit its time, read a mesh, apply one filter, write the result."""
     if sys.platform != "win32":
         import resource
 

@@ -2,7 +2,7 @@
 
 Cuboids that are at most NEAR apart are taken for joined, rigidly and for good; those whose lowest corner is
 at most NEAR above the lowest of all stand on the ground. Lengths are shares of the cage's size, the
-diagonal of the box around it. All of this is said of cuboids: the surfaces in them are not asked.
+diagonal of the box around it. Only cuboids count, not the surfaces in them.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ def rooted(cage: Cage) -> bool:
 def stable(cage: Cage) -> bool:
     """Whether the cage is rooted and nothing of it falls over.
 
-    What hangs together has its centre of mass above the inside of the convex hull of the corners that it
+    A connected part has its centre of mass above the inside of the convex hull of the corners that it
     stands on. Cuboids are solid, all of one density; where two overlap, both have mass.
     """
     component, feet = components(cage), _heights(cage) <= _near(cage)
@@ -42,14 +42,14 @@ def stable(cage: Cage) -> bool:
 
 
 def joined(cage: Cage) -> Bool[ndarray, "p p"]:
-    """Which cuboids are at most NEAR apart; each is joined to itself."""
+    """Whether each two cuboids are at most NEAR apart; each is joined to itself."""
     return distances(cage, _near(cage)) <= _near(cage)
 
 
 def distances(cage: Cage, limit: float) -> Float[ndarray, "p p"]:
     """The distance between each two cuboids, 0 where they touch or overlap; exact up to `limit`, canonical units.
 
-    Beyond `limit` it is a distance that theirs is no less than. Two convex polyhedra apart are nearest at a
+    Beyond `limit` it is a lower bound of their distance. Two convex polyhedra apart are nearest at a
     corner of one of them, or between two edges.
     """
     result = np.maximum(gaps(cage), 0)
@@ -83,7 +83,7 @@ def _near(cage: Cage) -> float:
 
 
 def _heights(cage: Cage) -> Float[ndarray, "p 8"]:
-    """Of each corner above the lowest one."""
+    """Height of each corner above the lowest one."""
     heights = cage.corners()[:, :, 1]
     return heights - heights.min()
 

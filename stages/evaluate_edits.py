@@ -74,7 +74,7 @@ def try_arms(
 
 
 def surface_of(run: Run, live: LiveSurface, trial: Trial) -> Mesh:
-    """What the arm makes of a trial's cuboids and style."""
+    """The surface that an arm gives for a trial's cuboids and style."""
     rest = run.sequences[trial.shape_id].cages[0]  # edits keep the codes that parts have there
     field = field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
     try:

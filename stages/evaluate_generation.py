@@ -55,7 +55,7 @@ class Task:
 
     @property
     def key(self) -> Key:
-        """Its name."""
+        """Arm, method and draw, which identify the set."""
         return self.arm, self.method, self.draw
 
 
@@ -115,14 +115,14 @@ def described(
 
 
 def _share(values: Bool[ndarray, " n"], worst: float) -> float:
-    """How many are true, as a share; the worst there is where there is none."""
+    """Share of true values; `worst` if there are none."""
     return float(values.mean()) if len(values) else worst
 
 
 def stacked(
     points: Mapping[str, Float[ndarray, "m 3"]], least: int
 ) -> tuple[Float[ndarray, "n p 3"], Bool[ndarray, " n"]]:
-    """Clouds as one array, and which failed: those without points, of which all, `least` or more, are at the origin."""
+    """Clouds as one array, and whether each is empty: an empty one has `least` or more points at the origin."""
     failed = np.array([len(cloud) == 0 for cloud in points.values()], bool)
     count = max([least, *map(len, points.values())])
     clouds = [cloud if len(cloud) else np.zeros((count, 3), np.float32) for cloud in points.values()]
@@ -185,7 +185,7 @@ def halves(reference: Described, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def sizes(sets: dict[str, Clouds], size: int, points: int) -> dict[str, Any]:
-    """What the figures are of."""
+    """Sizes of the compared sets, and the noise of their points."""
     references = sets["reference"]
     fresh = sum(shape_id.startswith(FRESH) for shape_id in references.ids)
     return {

@@ -100,7 +100,7 @@ def stacked(done: Iterable[tuple[Subject, Float[ndarray, "p 3"]]], name: str, po
 
 
 def lost(subject: Subject, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(subject.shape_id, "make_clouds", reason)
 
 

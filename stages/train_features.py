@@ -77,7 +77,7 @@ def sampled(name: str, params: FeaturesParams, recipe: Recipe) -> tuple[Recipe, 
 
 
 def lost(recipe: Recipe, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(recipe.shape_id, "train_features", reason)
 
 

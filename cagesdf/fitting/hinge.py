@@ -53,13 +53,13 @@ class Hinge:
         return value, slope
 
     def _motion(self, i: int, old: Float[ndarray, " 15"], new: Float[ndarray, " 15"]) -> float:
-        """At most how far a face moved, measured at any point of part i along the face's axis."""
+        """Upper bound of the movement of a face, at any point of part i, along the face's axis."""
         by = new - old
         turn = by[3:12].reshape(3, 3)
         axes = old[3:12].reshape(3, 3)
         # new axes @ (x - new centre) - old axes @ (x - old centre), and x = middle + at most the radius
-        way = turn @ (self._middles[i] - new[:3]) - axes @ by[:3]
-        return float((np.abs(way) + np.linalg.norm(turn, axis=1) * self._radii[i] + np.abs(by[12:]) / 2).max())
+        shift = turn @ (self._middles[i] - new[:3]) - axes @ by[:3]
+        return float((np.abs(shift) + np.linalg.norm(turn, axis=1) * self._radii[i] + np.abs(by[12:]) / 2).max())
 
 
 def _local(points: Float[ndarray, "3 n"], vector: Float[ndarray, " 15"]) -> tuple[ndarray, ndarray, ndarray]:

@@ -1,4 +1,4 @@
-"""How far apart cages are, whatever their structures: the distance that the weights of codes are made of (§4.4)."""
+"""Distance between cages of any structures: the weights of codes are made from it (§4.4)."""
 
 from collections.abc import Sequence
 

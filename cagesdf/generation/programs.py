@@ -37,7 +37,7 @@ class ProgramGenerator(Generator):
         return Generated(assembly, assembly.cage(), written.floating)
 
     def rebuilt(self, programs: Mapping[str, AssemblyProgram]) -> dict[str, Generated | str]:
-        """What becomes of programs that are written from their own mean codes, or why nothing does."""
+        """Programs written anew from their own mean codes, or the reasons why that fails."""
         codes = self.model.codes([tokens_of(program) for program in programs.values()])
         written = decode(self.model.decoder, codes)
         return {name: item if isinstance(item, str) else self.placed(item) for name, item in zip(programs, written)}

@@ -42,7 +42,7 @@ class Family:
         return Cage.from_vectors(self.part_ids, blend)
 
     def contacts(self) -> ndarray:
-        """Which parts touch in all of the cages."""
+        """Whether each two parts touch in all of the cages."""
         return np.all([touching(Cage.from_vectors(self.part_ids, cage)) for cage in self.cuboids], axis=0)
 
 

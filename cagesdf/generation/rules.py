@@ -1,4 +1,4 @@
-"""What may come next in a program that is being written [Jones et al. 2020, supplement].
+"""Rules for the next statement of a program that is being written [Jones et al. 2020, supplement].
 
 A block is written statement by statement and executed as it grows. What these rules rule out never
 happens in published programs, or leads to a part that hangs in the air:
@@ -41,7 +41,7 @@ OFF_PLANE = 0.01  # share of the bbox's length: nearer to the mirror a centre is
 
 
 class Invalid(Exception):
-    """What was written can't be kept; the message is one of a few, to be counted."""
+    """A program that breaks a rule; the message is one of a few, so that failures can be counted."""
 
 
 class BlockRules:
@@ -95,7 +95,7 @@ class BlockRules:
         return np.array(upright) if 0 in operands[1:] else np.ones(6, bool)
 
     def add(self, statement: Statement) -> None:
-        """Write a statement and execute it. Raises Invalid for what execution shows."""
+        """Write a statement and execute it. Raises Invalid if the executed cuboids break a rule."""
         self.statements.append(statement)
         before = set(self._bodies)
         try:

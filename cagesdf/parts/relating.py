@@ -1,4 +1,4 @@
-"""Relations between the parts of a shape whose files tell none: attached, mirrored, moved, turned.
+"""Relations between the parts of a shape whose files have none: attached, mirrored, moved, turned.
 
 Two parts repeat each other if one lies on the other after a motion, up to a share of its size. There may be several
 such motions: four straight legs are both mirrored and moved. Three or more in a row at equal steps are moved; otherwise
@@ -139,7 +139,7 @@ def _repeated(bodies: list[_Body]) -> list[Relation]:
 
 
 def _relation(a: _Body, b: _Body, alike: list[_Body]) -> Relation | None:
-    """How b is made of a, `alike` being all parts of their kind; None if it isn't, or they are in one place."""
+    """The relation that makes b from a, or None; also None in one place. `alike` are all parts of their kind."""
     way = b.centre - a.centre
     if np.linalg.norm(way) <= min(a.reach, b.reach):
         return None

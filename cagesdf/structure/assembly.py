@@ -52,18 +52,18 @@ class Assembly(Structure):
         return replace(self, program=program)
 
     def labelled(self, names: Mapping[str, str]) -> "Assembly":
-        """The same program, its parts called by what they are."""
+        """The same program with semantic names for its parts."""
         return replace(self, names={part: name for part, name in names.items() if name})
 
     def labels(self) -> dict[str, str]:
-        """By part id; the language has no place for them."""
+        """Labels by part id; the language has no place for them."""
         return {part: self.names.get(part, "") for part in self.parts()}
 
     def parameters_of(self, other: "Assembly", pairs: tuple[tuple[str, str], ...]) -> Float[ndarray, " t"]:
         """Another program's continuous parameters, in the order of this one's.
 
-        `pairs` are corresponding parts, ours first: programs of equal signature may name and order
-        things otherwise. Raises ValueError if the programs say different things of the pairs.
+        `pairs` are corresponding parts, ours first: programs of equal signature may differ in names and
+        order. Raises ValueError if statements about paired parts differ.
         """
         names = {ROOT: ROOT}
         for ours, theirs in pairs:
@@ -86,7 +86,7 @@ class Assembly(Structure):
 
     @cached_property
     def _nodes(self) -> dict[str, tuple[Block, tuple[Member, ...]]]:
-        """By the id of each node that a block fills: the block and its cuboids."""
+        """Blocks with their cuboids, by the id of the node that each fills."""
         found: dict[str, tuple[Block, tuple[Member, ...]]] = {}
 
         def visit(node: str, block: Block) -> None:
@@ -118,7 +118,7 @@ class Assembly(Structure):
         return tuple(found)
 
     def relations(self) -> tuple[Relation, ...]:
-        """Between the cuboids of each block: what is attached to what, and what is a copy of what; canonical."""
+        """Attachments and copies among the cuboids of each block, canonical."""
         whole = Cuboid(np.zeros(3), np.eye(3), np.array(self.program.blocks[0].size)).transformed(self.placement)
         cuboids = {ROOT: whole, **execute_nodes(self.program).transformed(self.placement).cuboids()}
         return tuple(
@@ -128,7 +128,7 @@ class Assembly(Structure):
         )
 
     def signatures(self) -> dict[str, str]:
-        """By node id: see `canonical.node_signatures`. Names and the order of statements don't matter."""
+        """Signatures by node id: see `canonical.node_signatures`. Names and the order of statements don't matter."""
         return node_signatures(self.program, ROOT)
 
     def to_json(self) -> str:
@@ -176,7 +176,7 @@ def _in_order(block: Block, other: Block, names: Mapping[str, str]) -> list[floa
 
 
 def _relations(node: str, block: Block, members: tuple[Member, ...], cuboids: Mapping[str, Cuboid]) -> list[Relation]:
-    """Of one block's cuboids; attachments to the bbox are none."""
+    """Relations between one block's cuboids, without attachments to the bbox."""
     frame = cuboids[node]
     found: list[Relation] = []
     for statement in block.statements:

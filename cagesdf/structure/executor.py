@@ -285,7 +285,7 @@ def _second(a: Body, at: Vector, goal: Vector) -> None:
 
 
 def _growth(arm: Vector, offset: Vector, distance: Number) -> Number | None:
-    """By how much a length must change so that `offset` + growth · `arm` has the length `distance`, if it can."""
+    """Change of a length that gives `offset` + growth · `arm` the length `distance`; None if none does."""
     a, b, c = dot(arm, arm), 2 * dot(arm, offset), dot(offset, offset) - distance * distance
     if a < MET * MET:
         return None
@@ -325,7 +325,7 @@ def _orient(a: Body, at: Vector, goal: Vector) -> None:
 
 
 def _across(v: Vector, axis: Vector) -> Vector:
-    """What remains of a vector without its share along a unit vector."""
+    """Component of a vector perpendicular to a unit vector."""
     return sub(v, scaled(axis, dot(v, axis)))
 
 
@@ -382,9 +382,9 @@ def _has_corner_in(a: Body, b: Body) -> bool:
 
 
 def _nearest_lattice_places(a: Body, b: Body) -> tuple[Vector, Vector]:
-    """Of each cuboid's lattice of LATTICE³ points the places of the two that are nearest to each other.
+    """Places of the nearest two points of the cuboids' lattices, LATTICE³ points each.
 
-    Of pairs that are equally near it is that with the first point in a's lattice, x fastest, then in b's.
+    Among equally near pairs the one with the first point in a's lattice, x fastest, then in b's, is taken.
     """
     if not all(math.isfinite(number) for number in (*a.centre, *a.size, *b.centre, *b.size)):
         raise OverflowError
@@ -437,7 +437,7 @@ def _place(body: Body, point: Vector) -> Vector:
 
 
 def _arm(body: Body, q: Vector, k: int) -> Vector:
-    """By how much the point at `q` moves when length number `k` grows by one."""
+    """Movement of the point at `q` when length number `k` grows by one."""
     return scaled(body.axes[k], q[k] - 0.5)
 
 

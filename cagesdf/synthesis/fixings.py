@@ -1,4 +1,4 @@
-"""How the cuboids of a procedural program are held, whatever their numbers, and the statements that say it."""
+"""Fixings of a procedural program's cuboids, whatever their numbers, and the statements for them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ Targets = Mapping[int | None, Target]  # by place among the block's declared cub
 
 
 class Fixing(ABC):
-    """How a cuboid is held in its block."""
+    """The attachments that hold a cuboid in its block."""
 
     @abstractmethod
     def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
@@ -112,7 +112,7 @@ def highest(cuboid: Cuboid) -> Float[ndarray, " 3"]:
 
 
 def meeting_point(a: Cuboid, b: Cuboid) -> Float[ndarray, " 3"]:
-    """A point in both cuboids, or near to both: the middle of where their axis-aligned boxes overlap if it is one."""
+    """A point in both cuboids, or near both: the middle of their axis-aligned boxes' overlap if it is such a point."""
     point = (np.maximum(lowest(a), lowest(b)) + np.minimum(highest(a), highest(b))) / 2
     for _ in range(ROUNDS):
         point = point_in(a, place_in(a, point_in(b, place_in(b, point))))
@@ -130,7 +130,7 @@ def point_in(cuboid: Cuboid, place: Float[ndarray, " 3"]) -> Float[ndarray, " 3"
 
 
 def beyond(cuboid: Cuboid, point: Float[ndarray, " 3"]) -> float:
-    """By how much a point lies beyond one of a cuboid's faces; negative inside."""
+    """Largest distance of a point beyond one of a cuboid's faces; negative inside."""
     return float((np.abs(cuboid.axes @ (point - cuboid.centre)) - cuboid.size / 2).max())
 
 

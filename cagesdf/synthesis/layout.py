@@ -23,7 +23,7 @@ TOUCHING = 0.02  # cuboids nearer than this are adjacent
 
 @dataclass(frozen=True)
 class Style:
-    """What no cuboid shows."""
+    """The choices and numbers of a shape that its cuboids don't show."""
 
     kinds: Mapping[str, str]  # named choices: of leg, of edge, ...
     factors: Mapping[str, float]  # named numbers, in raw units where they are lengths

@@ -98,7 +98,7 @@ def assemble(drawing: Drawing, typical: Drawing) -> Assembled:
 
 
 def plan_block(node: Node) -> tuple[Slot, ...]:
-    """How the block of a node with children is written: its cuboids from the ground up."""
+    """Plan of the block of a node with children: its cuboids from the ground up."""
     children = tuple(map(_inner, node.children))
     frame = _box(node)
     copies = _copies(node, frame)
@@ -131,7 +131,7 @@ class _Holder:
     moves: tuple[Move, ...]  # to each of its copies
 
     def upright(self) -> Fixing:
-        """By the cuboid that it overlaps most; else through the bbox from below to above, or by its nearer face."""
+        """A fixing to the cuboid that it overlaps most; else through the bbox's height, or to its nearer face."""
         held = {
             place: _overlap(self.own, cuboid)
             for place, cuboid in self.targets.items()
@@ -143,7 +143,7 @@ class _Holder:
         return Through() if max(under, over) < EXACT else Standing(0.0 if under <= over else 1.0)
 
     def turned(self, axis: int) -> Fixing:
-        """At that side of its axis where most ends meet cuboids before it; the middle first."""
+        """A fixing at the side of its axis where most ends meet cuboids before it; the middle first."""
         sides = [(0.5, 0.5), *((u, 0.5) for u in (0.0, 1.0)), *((0.5, v) for v in (0.0, 1.0))]
         found = []
         for u, v in sides:
@@ -161,7 +161,7 @@ class _Holder:
 
 
 def _naming(node: Node) -> tuple[Float[ndarray, "3 3"], int, bool]:
-    """What names its axes, the axis that it is turned by (else its longest), and whether it is aligned."""
+    """Permutation that names a cuboid's axes, the axis it is turned by (else its longest), whether it is aligned."""
     cuboid = _box(node)
     turned = np.sqrt(np.clip(1 - np.abs(cuboid.axes).max(axis=1) ** 2, 0, 1)) > UPRIGHT
     if not turned.any():
@@ -174,7 +174,7 @@ def _naming(node: Node) -> tuple[Float[ndarray, "3 3"], int, bool]:
 
 
 def _copies(node: Node, frame: Cuboid) -> dict[int, Copies]:
-    """What a reflect or a translate can make, by the child that it is copied from."""
+    """Copies that a reflect or a translate can make, by the child that they are copied from."""
     place = {child.node_id: i for i, child in enumerate(node.children)}
     found: dict[int, Copies] = {}
     copied: set[int] = set()
@@ -241,7 +241,7 @@ class _Writer:
     first: int  # number of the first block that fills one of its cuboids
 
     def names(self) -> list[str]:
-        """Of the declared cuboids."""
+        """Names of the declared cuboids."""
         names, number = [], self.first
         for i, slot in enumerate(self.slots):
             names.append(f"Program_{number}" if slot.inside else copy_name(i))
@@ -249,7 +249,7 @@ class _Writer:
         return names
 
     def filled(self) -> list[tuple[str, Node, tuple[Slot, ...]]]:
-        """Of each cuboid that a block fills: its name, its node and the block's slots."""
+        """Name, node and slots for each cuboid that a block fills."""
         return [
             (name, self._child(slot.child), slot.inside) for name, slot in zip(self.names(), self.slots) if slot.inside
         ]
@@ -288,7 +288,7 @@ class _Writer:
 
 
 def _shortened(cuboid: Cuboid, axis: int, others: Sequence[Cuboid]) -> Cuboid:
-    """The cuboid without what of its ends along an axis lies in others, CUT and SHARE at most."""
+    """The cuboid without those of its ends along an axis that lie in others, at most CUT and SHARE."""
     cuts = []
     for end in (0.0, 1.0):
         at = np.full(3, 0.5)
@@ -302,7 +302,7 @@ def _shortened(cuboid: Cuboid, axis: int, others: Sequence[Cuboid]) -> Cuboid:
 
 
 def _depth(cuboid: Cuboid, point: ndarray, direction: ndarray) -> float:
-    """How far from a point in a direction a cuboid's surface is; 0 from outside."""
+    """Distance from a point to a cuboid's surface in a direction; 0 from outside."""
     if beyond(cuboid, point) >= 0:
         return 0.0
     start, step = cuboid.axes @ (point - cuboid.centre), cuboid.axes @ direction
@@ -314,7 +314,7 @@ def _depth(cuboid: Cuboid, point: ndarray, direction: ndarray) -> float:
 
 
 def _inner(node: Node) -> Node:
-    """A group of one is that one."""
+    """The node itself, or its only child."""
     while len(node.children) == 1:
         node = node.children[0]
     return node
@@ -346,7 +346,7 @@ def _as_executed(cuboid: Cuboid, axis: int, aligned: bool) -> Cuboid:
 
 
 def _least_turn(axis: int, direction: Float[ndarray, " 3"]) -> Float[ndarray, "3 3"]:
-    """The axes that the smallest rotation gives which takes one of the frame's to a unit vector."""
+    """The frame's axes after the smallest rotation that takes one of them to a unit vector."""
     # Two half-turns: about the old axis, then about the line between old and new.
     old = np.eye(3)[axis]
     between = old + direction
