@@ -84,9 +84,9 @@ def hidden_parts(
         parts = groups.part.unique()
         for part in rng.permutation(parts.numpy())[:count].tolist():
             seen, hidden = of_parts(groups, groups.part != part), of_parts(groups, groups.part == part)
-            found = infer(run.decoder, candidates, seen, run.params["clamp"], settings.inference, 0)
-            (codes,) = OneShape(run.decoder, hidden, run.params["clamp"]).codes(found.code[None])
-            yield found.code_error, OneShape(run.decoder, hidden, run.params["clamp"]).mean_error(codes)
+            inferred = infer(run.decoder, candidates, seen, run.params["clamp"], settings.inference, 0)
+            (codes,) = OneShape(run.decoder, hidden, run.params["clamp"]).codes(inferred.code[None])
+            yield inferred.code_error, OneShape(run.decoder, hidden, run.params["clamp"]).mean_error(codes)
 
 
 def of_parts(groups: Batch, which: torch.Tensor) -> Batch:

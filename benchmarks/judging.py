@@ -83,9 +83,9 @@ def rows(judge: Judge, data: Path, category: str) -> list[str]:
                 made[f"`{folder.name}`, {method}"] = np.stack(whole)
     table = []
     for name, clouds in made.items():
-        own, found = judge(turned(clouds, turn))
-        figures = feature_figures(own, features)
-        share = np.mean(found == number)
+        judged, predicted = judge(turned(clouds, turn))
+        figures = feature_figures(judged, features)
+        share = np.mean(predicted == number)
         table.append(f"| {named} | {name} | {len(clouds)} | {share:.0%} | {figures['fd']:.3g} | {figures['kpd']:.3g} |")
     return table
 

@@ -156,7 +156,7 @@ def main(data: Path, category: str, count: int, resolution: int) -> None:
     print("|---|---|---|---|---|")
     for name in ("partner", "context", "swap", "box_warp"):
         gains = {truth: np.array([figures[name][truth] for figures in measured]) for truth in ("recipe", "warp")}
-        cells = [f"{np.nanmedian(own):.3f} | {int((own > 0).sum())}" for own in gains.values()]
+        cells = [f"{np.nanmedian(column):.3f} | {int((column > 0).sum())}" for column in gains.values()]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 

@@ -72,7 +72,7 @@ def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> dict[st
 def row(arm: str, category: str, seconds: float, steps: int, seeds: list[int], count: int, folder: Path) -> str:
     """A row of the table: source shapes and held-out steps, the mean over seeds ± its spread."""
     shapes = read_shapes(Path("data/shapes") / category)
-    found: dict[bool, list[list[float]]] = {False: [], True: []}
+    by_split: dict[bool, list[list[float]]] = {False: [], True: []}
     for seed in seeds:
         out = folder / f"{arm}-{category}-{seconds:g}-{seed}"
         trained(arm, category, out, steps=steps, seed=seed)
@@ -83,9 +83,9 @@ def row(arm: str, category: str, seconds: float, steps: int, seeds: list[int], c
             items = [(i, s) for i, s in items if held_out or s == 0]
             if items:
                 figures = [measured(run, shapes, *item) for item in items]
-                found[held_out].append([float(np.nanmean([f[name] for f in figures])) for name in COLUMNS])
+                by_split[held_out].append([float(np.nanmean([f[name] for f in figures])) for name in COLUMNS])
     cells = []
-    for by_seed in found.values():
+    for by_seed in by_split.values():
         if not by_seed:
             cells.append("–")
             continue

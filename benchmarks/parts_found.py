@@ -169,11 +169,11 @@ def main() -> None:
     parser.add_argument("--whole", type=Path, nargs="*", default=[])
     parser.add_argument("--parts", type=Path, nargs="*", default=[])
     options = parser.parse_args()
-    ways = {name: WAYS[name] for name in options.ways}
-    for rival in RIVALS & ways.keys():
+    methods = {name: WAYS[name] for name in options.ways}
+    for rival in RIVALS & methods.keys():
         if find_spec(rival) is None:
             print(f"{rival} is not installed")
-            del ways[rival]
+            del methods[rival]
     count = options.shapes
     sets = {f"{name}, joined": procedural(name, count, False) for name in options.procedural}
     sets |= {f"{name}, united": procedural(name, count, True) for name in options.united}
@@ -184,16 +184,16 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for title, items in sets.items():
-        rows: dict[str, list[list[float]]] = {name: [] for name in ways}
+        rows: dict[str, list[list[float]]] = {name: [] for name in methods}
         for item in items:
             try:
                 solid = union([from_manifold(one.solid) for one in components(item.mesh, WELD, THIN)])
             except (NotSolidError, InputError) as error:
                 print(f"left out: {error}")
                 continue
-            for name, way in ways.items():
+            for name, method in methods.items():
                 begun = time.process_time()
-                points = way(solid if name in RIVALS else item.mesh)
+                points = method(solid if name in RIVALS else item.mesh)
                 seconds = time.process_time() - begun
                 rows[name].append([*figures(solid, cage_of(points), item.true), seconds])
         for name, values in rows.items():

@@ -45,15 +45,15 @@ def resident() -> float:
 @contextmanager
 def peak(base: float) -> Iterator[list[float]]:
     """The highest resident memory above `base` while the block runs, MB, as the list's only item."""
-    found, stop = [0.0], threading.Event()
+    highest, stop = [0.0], threading.Event()
 
     def watch() -> None:
         while not stop.wait(0.01):
-            found[0] = max(found[0], resident() - base)
+            highest[0] = max(highest[0], resident() - base)
 
     thread = threading.Thread(target=watch)
     thread.start()
-    yield found
+    yield highest
     stop.set()
     thread.join()
 

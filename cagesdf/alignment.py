@@ -82,8 +82,8 @@ def align(program: AssemblyProgram, candidates: Sequence[Candidate], meshes: Map
     for name in names:
         if name not in taken:
             leftovers[_holder(cage, meshes[name])].append(name)
-    for part_id, own, more in zip(cage.part_ids, objs, leftovers):
-        if not own and not more:
+    for part_id, matched, more in zip(cage.part_ids, objs, leftovers):
+        if not matched and not more:
             raise InputError(
                 f"leaf {part_id} of its program has no mesh: no part that is free lies where its cuboid does, "
                 "and none of the meshes left over is nearest to it; is it another shape's program?"
@@ -93,11 +93,11 @@ def align(program: AssemblyProgram, candidates: Sequence[Candidate], meshes: Map
             part_id,
             candidates[c].node_id if c >= 0 else "",
             candidates[c].label if c >= 0 else "",
-            tuple(own),
+            tuple(matched),
             tuple(more),
             float(iou[i, c]) if c >= 0 else 0.0,
         )
-        for i, (part_id, c, own, more) in enumerate(zip(cage.part_ids, chosen, objs, leftovers))
+        for i, (part_id, c, matched, more) in enumerate(zip(cage.part_ids, chosen, objs, leftovers))
     )
     return Alignment(parts, placement)
 
@@ -157,13 +157,13 @@ def choose(overlap: Float[ndarray, "p c"], owned: Bool[ndarray, "c m"]) -> list[
         if not clashes:
             return chosen
         upper = max(clashes, key=lambda c: int(owned[c].sum()))
-        ways = (allowed & (np.arange(len(owned)) != upper), allowed & ~conflict[upper])
+        branches = (allowed & (np.arange(len(owned)) != upper), allowed & ~conflict[upper])
         if tried >= TRIED:
             waiting = []
-        for way in ways:
+        for branch in branches:
             # No assignment under it can be better: those that respect more conflicts come later.
-            bound = sum(overlap[i, c] for i, c in enumerate(_assigned(overlap, way)) if c >= 0)
-            heapq.heappush(waiting, (-bound, next(order), way))
+            bound = sum(overlap[i, c] for i, c in enumerate(_assigned(overlap, branch)) if c >= 0)
+            heapq.heappush(waiting, (-bound, next(order), branch))
 
 
 def _assigned(overlap: Float[ndarray, "p c"], allowed: Bool[ndarray, " c"]) -> list[int]:
@@ -203,8 +203,8 @@ def _settled(
 
 def _distinct(candidates: Sequence[Candidate], names: Sequence[str]) -> list[Candidate]:
     """Candidates with meshes among `names`; of those with the same, the last: in a tree's preorder the deepest."""
-    there = {frozenset(candidate.objs) & frozenset(names): candidate for candidate in candidates}
-    return [candidate for objs, candidate in there.items() if objs]
+    by_meshes = {frozenset(candidate.objs) & frozenset(names): candidate for candidate in candidates}
+    return [candidate for objs, candidate in by_meshes.items() if objs]
 
 
 def _holder(cage: Cage, mesh: Mesh) -> int:

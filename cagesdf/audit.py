@@ -102,7 +102,7 @@ def _crossings(
     counts = np.searchsorted(places[:, 0], corners[:, :, 0].max(1)) - first
     if counts.sum() > MAX_PAIRS:
         return None
-    found = []
+    batches = []
     for faces in np.split(
         np.arange(len(counts)), np.searchsorted(counts.cumsum(), np.arange(BATCH, counts.sum(), BATCH))
     ):
@@ -114,8 +114,8 @@ def _crossings(
         areas = np.roll(x, -1, axis=0) * np.roll(y, 1, axis=0) - np.roll(x, 1, axis=0) * np.roll(y, -1, axis=0)
         hit = (areas > 0).all(0) | (areas < 0).all(0)
         ahead = (areas[:, hit] * z[:, hit]).sum(0) * np.sign(areas[0, hit]) > 0
-        found.append((face[hit], order[point[hit]], ahead.astype(np.int64)))
-    face, point, ahead = (np.concatenate(item) for item in zip(*found))
+        batches.append((face[hit], order[point[hit]], ahead.astype(np.int64)))
+    face, point, ahead = (np.concatenate(item) for item in zip(*batches))
     return face, point, ahead
 
 
@@ -135,20 +135,20 @@ def with_outliers(shapes: list[Shape]) -> list[Shape]:
 
 def flags(shape: Shape) -> list[str]:
     """Reasons why a shape should be looked at; usually empty."""
-    found = []
+    result = []
     audited = shape.audit
     if audited.differ > DIFFERING * audited.clear:
-        found.append(f"{audited.differ} of {audited.clear} points are on the other side for rays through its faces")
+        result.append(f"{audited.differ} of {audited.clear} points are on the other side for rays through its faces")
     if abs(audited.outlier) > OUTLYING:
-        found.append(
+        result.append(
             f"it fills {audited.inside:.2%} of its box, {'more' if audited.outlier > 0 else 'less'} than others "
             f"(robust z-score {audited.outlier:.1f})"
         )
-    found += [
+    result += [
         f"part {part.part_id} lost {part.repair.lost:.2%} of its surface"
         for part in shape.parts
         if part.repair.lost > LOST
     ]
     if plates := sum(part.repair.plates for part in shape.parts):
-        found.append(f"{plates} sheet{'s' if plates > 1 else ''} got a thickness")
-    return found
+        result.append(f"{plates} sheet{'s' if plates > 1 else ''} got a thickness")
+    return result

@@ -137,13 +137,13 @@ class Cage:
 
     def holder(self, points: Float[ndarray, "n 3"], depth: float) -> Int[ndarray, " n"]:
         """The first cuboid that holds each point deeper than `depth`, canonical units; −1 where none does."""
-        found = np.full(len(points), -1)
+        owner = np.full(len(points), -1)
         left = np.arange(len(points))
         for k in range(len(self)):
             held = (np.abs(self.to_local(points[left], k)) < self.size[k] / 2 - depth).all(axis=1)
-            found[left[held]] = k
+            owner[left[held]] = k
             left = left[~held]
-        return found
+        return owner
 
     def _blocks(self, points: Float[ndarray, "n 3"]) -> Iterator[tuple[slice, Float[ndarray, "p k"]]]:
         """Signed distances to all cuboids, for rows of points in turn, few enough for the processor's cache."""

@@ -229,8 +229,8 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
     Raises InputError if the network gives values that are not finite.
     """
     cage = order.generated.cage if order.generated is not None else NO_CAGE
-    found, status = _surface(run, how, order.code, cage)
-    mesh = found.mesh
+    surface, status = _surface(run, how, order.code, cage)
+    mesh = surface.mesh
     points = sample_surface(mesh, how.points, rng)[0] if len(mesh.faces) else np.zeros((0, 3))
     standing_on = order.generated is not None and rooted(cage)
     return GeneratedShape(
@@ -245,13 +245,13 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         order.code.effective,
         status,
         mesh,
-        found.components,
-        found.clipped,
-        found.asked,
+        surface.components,
+        surface.clipped,
+        surface.asked,
         standing_on,
         standing_on and how.stable(cage),
         points.astype(np.float32),
-        found.parts,
+        surface.parts,
     )
 
 
@@ -259,12 +259,12 @@ def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extract
     latent = torch.from_numpy(code.latent).to(run.latents.values.device)
     field = field_of(run.decoder, latent, cage)
     try:
-        found = extract(field, how.resolution, loose=how.loose)
+        surface = extract(field, how.resolution, loose=how.loose)
     except InputError:  # the network's fault, not the shape's
         raise
     except ValueError as error:
         return Extraction.nothing(), f"{BROKEN}: {error}"
-    return found, OK if len(found.mesh.faces) else EMPTY
+    return surface, OK if len(surface.mesh.faces) else EMPTY
 
 
 def counts(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
@@ -272,14 +272,14 @@ def counts(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
 
     For an arm with cuboids also `rooted`, `stable`, and `floating`: cuboids in mid-air that were left out.
     """
-    found = dict.fromkeys(("shapes", OK, EMPTY, BROKEN, "one_piece"), 0)
+    result = dict.fromkeys(("shapes", OK, EMPTY, BROKEN, "one_piece"), 0)
     checks = dict.fromkeys(("rooted", "stable", "floating"), 0)
     cuboids = False
     for row in rows:
-        found["shapes"] += 1
-        found[row["status"].partition(":")[0]] += 1
-        found["one_piece"] += row["components"] == 1
+        result["shapes"] += 1
+        result[row["status"].partition(":")[0]] += 1
+        result["one_piece"] += row["components"] == 1
         cuboids |= bool(row["part_ids"])
         for name in checks:
             checks[name] += row[name]
-    return found | checks if cuboids else found
+    return result | checks if cuboids else result

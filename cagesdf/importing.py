@@ -48,13 +48,13 @@ def import_shape(
     if not finds:
         return _shape(raw, similarity, meshes, _given(raw, meshes, weld, min_thickness), weld)
     if raw.written is not None or parts == "found":
-        origin, found = _found(raw, meshes, similarity, weld, min_thickness)
+        origin, solids = _found(raw, meshes, similarity, weld, min_thickness)
     else:
-        origin, found = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
-    if len(found) > max_parts:
-        reason = f"it has {len(found)} parts, at most {max_parts} wanted; join some of them"
+        origin, solids = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
+    if len(solids) > max_parts:
+        reason = f"it has {len(solids)} parts, at most {max_parts} wanted; join some of them"
         raise ShapeRejected(raw.shape_id, STAGE, reason)
-    return _shape(raw, similarity, meshes, found, weld, origin)
+    return _shape(raw, similarity, meshes, solids, weld, origin)
 
 
 def _check(raw: RawShape, max_faces: int, max_parts: int) -> None:
@@ -81,7 +81,7 @@ def _shape(
     origin: Origin = GIVEN,
 ) -> Shape:
     """The shape of closed parts; `meshes` are those as read, canonical."""
-    found = audit(meshes, union([part.mesh for part in parts]), weld)
+    audited = audit(meshes, union([part.mesh for part in parts]), weld)
     if origin.parts == "given":
         structure, alignment = raw.structure.transformed(similarity), raw.alignment
     else:
@@ -89,7 +89,7 @@ def _shape(
         structure, alignment = PartHierarchy.flat(ids, labels, ""), ()
     if structure.is_bare():
         structure = structure.with_relations(relations({part.part_id: part.mesh for part in parts}))
-    return Shape(raw.shape_id, raw.split, parts, structure, similarity, alignment, found, origin)
+    return Shape(raw.shape_id, raw.split, parts, structure, similarity, alignment, audited, origin)
 
 
 def _given(raw: RawShape, meshes: list[Mesh], weld: float, min_thickness: float) -> tuple[Part, ...]:
@@ -122,16 +122,16 @@ def _chosen(
     raw: RawShape, meshes: list[Mesh], similarity: Similarity, weld: float, max_parts: int, min_thickness: float
 ) -> tuple[Origin, tuple[Part, ...]]:
     """The groups of a file if they are parts, else those that are found."""
-    origin, found = _found(raw, meshes, similarity, weld, min_thickness)
+    origin, solids = _found(raw, meshes, similarity, weld, min_thickness)
     if len(meshes) > max_parts:
-        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), found
-    volume = signed_volume(union([part.mesh for part in found]))
+        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), solids
+    volume = signed_volume(union([part.mesh for part in solids]))
     if reason := doubt(meshes, boxes_volume(meshes) / volume, origin.boxes, weld):
-        return replace(origin, reason=reason), found
+        return replace(origin, reason=reason), solids
     try:
         given = _given(raw, meshes, weld, min_thickness)
     except ShapeRejected as error:
-        return replace(origin, reason=error.reason), found
+        return replace(origin, reason=error.reason), solids
     return Origin("given", f"cuboids bound the {len(given)} groups of its file well"), given
 
 
@@ -204,12 +204,12 @@ def verdict(shape: Shape) -> str:
     """The result of one shape in a line: passed, or repaired and how, and why it should be looked at."""
     counts = Counter(part.repair.method for part in shape.parts if part.repair.method != "none")
     repairs = [f"{counts[method]} {method}" for method in METHODS if counts[method]]
-    told = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
+    repaired = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
     origin = shape.origin
     whose = [] if origin == GIVEN else [f"parts {origin.parts}, {len(shape.parts)}: {origin.reason}"]
     lost = max(part.repair.lost for part in shape.parts)
     loss = [f"at most {lost:.2%} of a part's surface lost"] if lost >= LEAST_LOST else []
-    return "; ".join([f"{shape.status}{told}", *whose, *loss, *flags(shape)])
+    return "; ".join([f"{shape.status}{repaired}", *whose, *loss, *flags(shape)])
 
 
 def repair_report(shape: Shape) -> dict[str, Any]:
@@ -239,13 +239,13 @@ def _first(lines: list[str], table: str) -> list[str]:
 
 def _alignment_line(shapes: list[Shape]) -> list[str]:
     """Quality of the programs' alignment with their parts before fitting; empty without programs."""
-    found = [(part.iou, shape.shape_id, part.part_id) for shape in shapes for part in shape.alignment]
-    if not found:
+    overlaps = [(part.iou, shape.shape_id, part.part_id) for shape in shapes for part in shape.alignment]
+    if not overlaps:
         return []
     programs = sum(bool(shape.alignment) for shape in shapes)
     leftovers = sum(len(part.leftovers) for shape in shapes for part in shape.alignment)
-    mean, (worst, shape_id, part_id) = np.mean([item[0] for item in found]), min(found)
+    mean, (worst, shape_id, part_id) = np.mean([item[0] for item in overlaps]), min(overlaps)
     return [
-        f"{programs} programs, {len(found)} leaves: mean IoU with their parts {mean:.2f}, "
+        f"{programs} programs, {len(overlaps)} leaves: mean IoU with their parts {mean:.2f}, "
         f"least {worst:.2f} ({shape_id}, {part_id}); {leftovers} meshes given to the leaf they lie in"
     ]

@@ -115,14 +115,14 @@ class Verdict:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the shape is far from the training shapes; none if it is not."""
-        found = []
+        result = []
         if self.residual > max(FAR_RESIDUAL * self.median, self.largest):
-            found.append(
+            result.append(
                 f"no code explains it: its residual is {self.residual / self.median:.1f} times the training shapes' "
                 f"median, theirs at most {self.largest / self.median:.1f} times"
             )
         if self.widest and self.distance > FAR_CODE * self.widest:
-            found.append(
+            result.append(
                 f"its code lies {self.distance:.2f} from the nearest one ({self.nearest}), "
                 f"training codes at most {self.widest:.2f}"
             )
@@ -132,8 +132,8 @@ class Verdict:
             if not low / FAR_SIDES <= side <= high * FAR_SIDES
         ]
         if beyond:
-            found.append(f"in a sphere of radius 1, y up, it measures {', '.join(beyond)}")
-        return tuple(found)
+            result.append(f"in a sphere of radius 1, y up, it measures {', '.join(beyond)}")
+        return tuple(result)
 
     @property
     def far(self) -> bool:
@@ -210,10 +210,10 @@ def sides(cage: Cage) -> Float[ndarray, " 3"]:
 def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
     """Where a shape of this cage and code lies among the training shapes."""
     code = inferred.code.cpu().numpy()
-    distances = {shape_id: float(np.linalg.norm(own - code)) for shape_id, own in known.codes.items()}
+    distances = {shape_id: float(np.linalg.norm(other - code)) for shape_id, other in known.codes.items()}
     nearest = min(distances, key=lambda shape_id: distances[shape_id])
     residuals = [*known.residuals.values()]
-    own, low, high = (tuple(row.tolist()) for row in (sides(cage), known.sides.min(axis=0), known.sides.max(axis=0)))
+    box, low, high = (tuple(row.tolist()) for row in (sides(cage), known.sides.min(axis=0), known.sides.max(axis=0)))
     return Verdict(
         inferred.code_error,
         float(np.median(residuals)),
@@ -221,7 +221,7 @@ def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
         nearest,
         distances[nearest],
         float(max(known.spacing(), default=0.0)),
-        own,
+        box,
         low,
         high,
     )
@@ -235,10 +235,10 @@ def fitted_field(run: Run, fit: Fit) -> CageField:
 
 def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
     """The surface of a fitted shape, canonical; see `extract`. Raises InputError if the network gives none."""
-    found = extract(fitted_field(run, fit), resolution)
-    if len(found.mesh.faces) == 0:
+    surface = extract(fitted_field(run, fit), resolution)
+    if len(surface.mesh.faces) == 0:
         raise InputError(f"{fit.prepared.shape.shape_id}: the network gives no surface at all for it; {fit.verdict}")
-    return found
+    return surface
 
 
 def measure(fit: Fit, mesh: Mesh, points: int, detail: float, rng: np.random.Generator) -> dict[str, float]:
@@ -248,7 +248,7 @@ def measure(fit: Fit, mesh: Mesh, points: int, detail: float, rng: np.random.Gen
     return {name: figures[name] for name in MEASURED}
 
 
-def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
+def report(fit: Fit, surface: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
     """The result for a shape, for JSON. Residuals are in the decoder's unit, as the training shapes' are."""
     shape, verdict, inferred = fit.prepared.shape, fit.verdict, fit.inferred
     return {
@@ -270,10 +270,10 @@ def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[s
         "residual": round(inferred.error, 6),
         "residual_over_training": round(verdict.residual / verdict.median, 3),
         **{name: round(value, 4) for name, value in measured.items()},
-        "evaluations": found.asked,
-        "vertices": len(found.mesh.vertices),
-        "faces": len(found.mesh.faces),
-        "components": found.components,
-        "clipped": round(found.clipped, 6),
-        "overshoot": found.overshoot,
+        "evaluations": surface.asked,
+        "vertices": len(surface.mesh.vertices),
+        "faces": len(surface.mesh.faces),
+        "components": surface.components,
+        "clipped": round(surface.clipped, 6),
+        "overshoot": surface.overshoot,
     }

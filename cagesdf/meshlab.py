@@ -63,15 +63,15 @@ def _run(
         )
     except subprocess.TimeoutExpired as error:
         raise NotSolidError(f"its {work[0]} took more than {PATIENCE * seconds} s; simplify it") from error
-    said = done.stderr.decode(errors="replace").strip()[-200:]
+    message = done.stderr.decode(errors="replace").strip()[-200:]
     if done.returncode == MISSING:
-        raise InputError(f"{INSTALL} ({said})")
+        raise InputError(f"{INSTALL} ({message})")
     if done.returncode < 0:
         name = signal.Signals(-done.returncode).name
         limit = f" after {seconds} s" if name in ("SIGXCPU", "SIGKILL") else ""
         raise NotSolidError(f"its {work[0]} was ended{limit} ({name}); simplify or repair it")
     if done.returncode:
-        raise NotSolidError(f"its {work[0]} failed ({said}); export it again")
+        raise NotSolidError(f"its {work[0]} failed ({message}); export it again")
     return _unpacked(done.stdout)
 
 
@@ -111,9 +111,9 @@ def _work(seconds: int, name: str, lengths: list[float]) -> None:
         meshes.generate_alpha_wrap(alpha=alpha, offset=offset)
     else:
         meshes.generate_boolean_union(first_mesh=0, second_mesh=0)
-    found = meshes.current_mesh()
+    mesh = meshes.current_mesh()
     with os.fdopen(answer, "wb") as stream:
-        stream.write(_packed(found.vertex_matrix(), found.face_matrix()))
+        stream.write(_packed(mesh.vertex_matrix(), mesh.face_matrix()))
 
 
 if __name__ == "__main__":

@@ -76,14 +76,14 @@ def sample_near(
     cells = bound_cells(surface, count, beta)
     share = cells.bound * cells.width**3
     rate = cells.total / share.sum()
-    kept, found, tried = [(np.zeros((0, 3)), np.zeros(0))], 0, 0
-    while (lacking := count - found) > 0:
+    kept, accepted, tried = [(np.zeros((0, 3)), np.zeros(0))], 0, 0
+    while (lacking := count - accepted) > 0:
         drawn = min(int(lacking / rate) + MARGIN, CANDIDATES)
         kept.append(_accepted(surface, cells, rng.multinomial(drawn, share / share.sum()), beta, rng))
-        found, tried = found + len(kept[-1][0]), tried + drawn
-        rate = max(found, 1) / tried
+        accepted, tried = accepted + len(kept[-1][0]), tried + drawn
+        rate = max(accepted, 1) / tried
     # A batch is in the order of its cells: leaving out the last ones would favour the first.
-    chosen = np.sort(rng.choice(found, count, replace=False, shuffle=False))
+    chosen = np.sort(rng.choice(accepted, count, replace=False, shuffle=False))
     return np.concatenate([points for points, _ in kept])[chosen], np.concatenate([sdf for _, sdf in kept])[chosen]
 
 
@@ -176,12 +176,12 @@ def _top_up(
             break
         tried = np.repeat(np.arange(len(cage)), np.where(lacking > 0, (lacking + 16) * 2**attempt, 0))
         drawn = uniform_in(cage, tried, rng)
-        own = cage.assign(drawn)[0] == tried
-        drawn, tried = drawn[own], tried[own]
+        accepted = cage.assign(drawn)[0] == tried
+        drawn, tried = drawn[accepted], tried[accepted]
         kept = _rank(tried) < lacking[tried]
         points, parts = np.concatenate([points, drawn[kept]]), np.concatenate([parts, tried[kept]])
-        found = np.bincount(parts, minlength=len(cage))
-        lacking = np.where((found > 0) | (attempt < HOPELESS - 1), missing - found, 0)
+        counts = np.bincount(parts, minlength=len(cage))
+        lacking = np.where((counts > 0) | (attempt < HOPELESS - 1), missing - counts, 0)
     return points, parts
 
 

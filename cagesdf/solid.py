@@ -241,8 +241,8 @@ def _as_a_whole(mesh: Mesh, welded: Mesh, min_thickness: float) -> Solid | None:
     if np.isclose(face_areas(welded).sum(), face_areas(mesh).sum(), rtol=1e-4):
         candidates.insert(0, ("none", mesh))
     for method, candidate in candidates:
-        if is_closed(candidate) and (found := _outward(candidate, min_thickness)):
-            return Solid(found[0], max(method, found[1], key=METHODS.index), dropped=0, plates=0)
+        if is_closed(candidate) and (outward := _outward(candidate, min_thickness)):
+            return Solid(outward[0], max(method, outward[1], key=METHODS.index), dropped=0, plates=0)
     return None
 
 

@@ -34,9 +34,9 @@ def stable(cage: Cage) -> bool:
     component, feet = components(cage), _heights(cage) <= _near(cage)
     volume, corners = cage.size.prod(axis=1), cage.corners()
     for label in set(component):
-        own = component == label
-        middle = np.average(cage.centre[own], axis=0, weights=volume[own])
-        if not _surrounded((corners[own][feet[own]] - middle)[:, [0, 2]]):
+        members = component == label
+        middle = np.average(cage.centre[members], axis=0, weights=volume[members])
+        if not _surrounded((corners[members][feet[members]] - middle)[:, [0, 2]]):
             return False
     return True
 
@@ -57,8 +57,8 @@ def distances(cage: Cage, limit: float) -> Float[ndarray, "p p"]:
     if len(a):
         corners = cage.corners()
         to_cuboids = cage.signed_distance(corners.reshape(-1, 3)).reshape(len(cage), 8, len(cage)).min(axis=1)
-        found = np.minimum(to_cuboids[a, b], to_cuboids[b, a])
-        result[a, b] = result[b, a] = np.minimum(found, _between_edges(corners[a], corners[b]))
+        to_corners = np.minimum(to_cuboids[a, b], to_cuboids[b, a])
+        result[a, b] = result[b, a] = np.minimum(to_corners, _between_edges(corners[a], corners[b]))
     return result
 
 

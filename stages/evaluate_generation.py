@@ -168,9 +168,9 @@ def row_of(task: Task, figures: dict[str, float]) -> dict[str, Any]:
     return {**key, "failed": _share(task.shapes.failed, 1.0), "recognised": task.recognised, **figures}
 
 
-def nearest_rows(task: Task, found: Scored, ids: Sequence[str], train: Clouds) -> Iterator[dict[str, Any]]:
+def nearest_rows(task: Task, scored: Scored, ids: Sequence[str], train: Clouds) -> Iterator[dict[str, Any]]:
     """One row a generated shape; `ids` are theirs."""
-    for shape_id, row, distance, failed in zip(ids, found.nearest, found.distance, task.shapes.failed, strict=True):
+    for shape_id, row, distance, failed in zip(ids, scored.nearest, scored.distance, task.shapes.failed, strict=True):
         nearest = "" if failed else train.ids[row]
         key = {"arm": task.arm, "method": task.method, "shape_id": shape_id}
         yield key | {"nearest": nearest, "distance": float(distance)}

@@ -46,7 +46,7 @@ def main(runs: Path, shapes: Path, sequences: Path, out: Path, params: ProgressP
         measure = partial(progress_of, read_shapes(shapes), params)
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate_progress")
         about = definitions(params.points, params.detail, (params.seed,)) | {"resolution": params.resolution}
-        write_progress(folder, (row for some in rows for row in some), about)
+        write_progress(folder, (row for batch in rows for row in batch), about)
 
 
 def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, str, Transfer]) -> list[dict[str, Any]]:

@@ -71,29 +71,29 @@ def surface_distance(forth: Direction, back: Direction, side: float) -> float:
 
 def squared_chamfer(forth: Direction, back: Direction, side: float) -> float:
     """DeepSDF's Chamfer distance: mean squared distance between samples, both directions summed."""
-    return sum(float((way.sample**2).mean()) for way in (forth, back))
+    return sum(float((direction.sample**2).mean()) for direction in (forth, back))
 
 
 def plain_chamfer(forth: Direction, back: Direction, side: float) -> float:
     """Chamfer-L1 distance: mean distance between samples, mean of both directions."""
-    return sum(float(way.sample.mean()) for way in (forth, back)) / 2
+    return sum(float(direction.sample.mean()) for direction in (forth, back)) / 2
 
 
 def normal_consistency(forth: Direction, back: Direction, side: float) -> float:
     """Mean |cosine| between normals."""
-    return sum(float(way.aligned.mean()) for way in (forth, back)) / 2
+    return sum(float(direction.aligned.mean()) for direction in (forth, back)) / 2
 
 
 def signed_consistency(forth: Direction, back: Direction, side: float) -> float:
     """Mean cosine between normals."""
-    return sum(float(way.cosine.mean()) for way in (forth, back)) / 2
+    return sum(float(direction.cosine.mean()) for direction in (forth, back)) / 2
 
 
 def f_score(threshold: float) -> Callable[[Direction, Direction, float], float]:
     """F-score with a threshold that is a share of the longest side."""
 
     def score(forth: Direction, back: Direction, side: float) -> float:
-        recall, precision = (float((way.distance < threshold * side).mean()) for way in (forth, back))
+        recall, precision = (float((direction.distance < threshold * side).mean()) for direction in (forth, back))
         return 2 * recall * precision / (recall + precision) if recall + precision else 0.0
 
     return score

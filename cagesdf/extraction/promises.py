@@ -80,11 +80,11 @@ def twins(cage: Cage) -> dict[str, str]:
             for image in corners * [-1.0, 1.0, 1.0]
         ]
     ).reshape(len(cage), len(cage))
-    found: dict[str, str] = {}
+    images: dict[str, str] = {}
     for part_id, gap in zip(cage.part_ids, gaps):
-        if part_id in found:
+        if part_id in images:
             continue
-        taken = np.isin(cage.part_ids, list(found))
+        taken = np.isin(cage.part_ids, list(images))
         twin = int(np.where(taken, np.inf, gap).argmin())
         if gap[twin] > TWIN:
             raise InputError(
@@ -92,9 +92,9 @@ def twins(cage: Cage) -> dict[str, str]:
                 f"the nearest is {gap[twin]:.2g} away, wanted at most {TWIN:g} (canonical units); mirror the cuboids, "
                 "or ask for no symmetry"
             )
-        found[part_id] = cage.part_ids[twin]
-        found[cage.part_ids[twin]] = part_id
-    return found
+        images[part_id] = cage.part_ids[twin]
+        images[cage.part_ids[twin]] = part_id
+    return images
 
 
 def keep_loose(mesh: Mesh) -> Mesh:

@@ -134,7 +134,7 @@ class LiveSurface:
         if len(keys) == 1:
             return solids[keys[0]]
         if keys in self._unions:
-            unions.update({some: union for some, union in self._unions.items() if set(some) <= set(keys)})
+            unions.update({subset: union for subset, union in self._unions.items() if set(subset) <= set(keys)})
             return self._unions[keys]
         middle = len(keys) // 2
         union = self._united(keys[:middle], solids, unions) + self._united(keys[middle:], solids, unions)

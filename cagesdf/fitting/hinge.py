@@ -80,9 +80,9 @@ def _sort(points: Float[ndarray, "3 n"], vector: Float[ndarray, " 15"]) -> _Sort
     # Whatever moves by REACH: its distance is that to one face, on this side of the cuboid, and counts.
     at_face = (deepest > REACH - ROOM) & (second < np.minimum(deepest - 2 * REACH, -REACH)) & (np.abs(height) > REACH)
     near: Bool[ndarray, " n"] = (deepest >= -ROOM - REACH) & ~at_face
-    faces, own = (2 * axis + (height > 0))[at_face], points[:, at_face]
+    faces, facing = (2 * axis + (height > 0))[at_face], points[:, at_face]
     counts = np.bincount(faces, minlength=6)
-    sums = np.array([np.bincount(faces, weights=row, minlength=6) for row in own])
+    sums = np.array([np.bincount(faces, weights=row, minlength=6) for row in facing])
     kept = np.flatnonzero(counts)
     return _Sorted(
         vector,

@@ -51,7 +51,7 @@ def families(structures: Mapping[str, Structure], cages: Mapping[str, Cage]) -> 
     groups: dict[str, list[str]] = {}
     for shape_id in sorted(structures):
         groups.setdefault(structures[shape_id].signature(), []).append(shape_id)
-    found: list[Family] = []
+    result: list[Family] = []
     for ids in sorted(groups.values(), key=lambda ids: (-len(ids), ids)):
         first, cage = structures[ids[0]], cages[ids[0]]
         vectors = []
@@ -59,8 +59,8 @@ def families(structures: Mapping[str, Structure], cages: Mapping[str, Cage]) -> 
             partners = dict(correspond(first, cage, structures[shape_id], cages[shape_id]))
             order = [cages[shape_id].part_ids.index(partners[part]) for part in cage.part_ids]
             vectors.append(cages[shape_id].vectors()[order])
-        found.append(Family(first, cage.part_ids, np.array(vectors)))
-    return tuple(found)
+        result.append(Family(first, cage.part_ids, np.array(vectors)))
+    return tuple(result)
 
 
 @dataclass(frozen=True, eq=False)

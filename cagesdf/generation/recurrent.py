@@ -79,9 +79,9 @@ class _Steps(torch.autograd.Function):
         later = torch.zeros_like(start)
         for begin, end in reversed(ctx.rows):
             count = end - begin
-            here = total[begin:end].add_(later[:count])
-            through = (by_kept[begin:end] * here[:, None]).flatten(1)
-            later[:count] = torch.addmm(here * update[begin:end], through, weight)
+            gradient = total[begin:end].add_(later[:count])
+            through = (by_kept[begin:end] * gradient[:, None]).flatten(1)
+            later[:count] = torch.addmm(gradient * update[begin:end], through, weight)
         grad_gates = (by_state * total[:, None]).flatten(1)
         grad_kept = (by_kept * total[:, None]).flatten(1)
         return grad_gates, later, grad_kept.T @ before, grad_kept.sum(dim=0), None

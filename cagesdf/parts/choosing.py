@@ -1,4 +1,4 @@
-"""Whether the groups of a file are parts, or must parts be found?"""
+"""Choice between the groups of a file as parts and parts found in the surface."""
 
 import numpy as np
 from jaxtyping import Int

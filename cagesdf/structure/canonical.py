@@ -126,14 +126,14 @@ def _signature(program: AssemblyProgram, block: Block) -> str:
 
 def _interchangeable(facts: Sequence[Fact], names: Sequence[str]) -> bool:
     """Whether the facts about each of these cuboids are the same, and none is about two of them: any order will do."""
-    said: dict[str, list[tuple[str, ...]]] = {name: [] for name in names}
+    by_name: dict[str, list[tuple[str, ...]]] = {name: [] for name in names}
     for kind, about in facts:
-        own = [name for name in about if name in said]
-        if len(own) > 1:
+        members = [name for name in about if name in by_name]
+        if len(members) > 1:
             return False
-        if own:
-            said[own[0]].append((kind, *["" if name == own[0] else name for name in about]))
-    return len({tuple(sorted(entries)) for entries in said.values()}) == 1
+        if members:
+            by_name[members[0]].append((kind, *["" if name == members[0] else name for name in about]))
+    return len({tuple(sorted(entries)) for entries in by_name.values()}) == 1
 
 
 def _inside(program: AssemblyProgram, block: Block) -> dict[str, str]:
@@ -153,12 +153,12 @@ def _initial(block: Block, inside: Mapping[str, str]) -> Colours:
 def _refined(facts: Sequence[Fact], colours: Colours) -> Colours:
     """Colours refined by the facts about each cuboid and its neighbours, until they no longer change."""
     while True:
-        said: dict[str, list[tuple]] = {name: [] for name in colours}
+        by_name: dict[str, list[tuple]] = {name: [] for name in colours}
         for kind, names in facts:
             numbers = [colours[name] for name in names]
             for place, name in enumerate(names):
-                said[name].append((kind, place, *numbers))
-        finer = _ranked({name: (colour, *sorted(said[name])) for name, colour in colours.items()})
+                by_name[name].append((kind, place, *numbers))
+        finer = _ranked({name: (colour, *sorted(by_name[name])) for name, colour in colours.items()})
         if len(set(finer.values())) == len(set(colours.values())):
             return finer
         colours = finer

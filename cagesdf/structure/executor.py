@@ -142,8 +142,8 @@ def _nodes(program: AssemblyProgram) -> list[tuple[str, Body, bool]]:
         bodies = {block.name: _run(block) for block in program.blocks}
         while waiting:
             block, filled, path, mirror = waiting.popleft()
-            for own in bodies[block.name]:
-                body = _placed_in(own, filled, block.size, mirror)
+            for member in bodies[block.name]:
+                body = _placed_in(member, filled, block.size, mirror)
                 inside = blocks.get(body.original)
                 nodes.append((path + body.name, body, inside is None))
                 if inside is not None:
@@ -167,7 +167,7 @@ def _placed_in(body: Body, filled: Body, size: Vector, mirror: int | None) -> Bo
     if filled.axes is not UPRIGHT:
         x, y, z = axes
         axes = (turned(x, filled.axes), turned(y, filled.axes), turned(z, filled.axes))
-    length, height, width = (own * whole / block for own, whole, block in zip(body.size, filled.size, size))
+    length, height, width = (side * whole / block for side, whole, block in zip(body.size, filled.size, size))
     placed = Body(body.name, (length, height, width), body.aligned)
     placed.centre = add(turned(centre, filled.axes), filled.centre)
     placed.axes = axes
@@ -220,11 +220,11 @@ def _reflect(bodies: dict[str, Body], body: Body, axis: int) -> None:
         _attach(copy, bodies[target], with_number(q, axis, 1.0 - q[axis]), _clamped(_place(bodies[target], point)))
 
 
-def _translate(bodies: dict[str, Body], body: Body, axis: int, way: Number) -> None:
+def _translate(bodies: dict[str, Body], body: Body, axis: int, offset: Number) -> None:
     copy = _copy(bodies, body)
     for q, target in body.moves:
         point = _point(body, q)
-        point = with_number(point, axis, point[axis] + way)
+        point = with_number(point, axis, point[axis] + offset)
         _attach(copy, bodies[target], q, _clamped(_place(bodies[target], point)))
 
 
@@ -305,10 +305,10 @@ def _general(a: Body, at: Vector, goal: Vector) -> None:
 def _orient(a: Body, at: Vector, goal: Vector) -> None:
     """Turn a cuboid about the line of its first two anchors, so that a place comes as near to `goal` as that goes."""
     held, first = a.anchors[0]
-    way = sub(first, a.anchors[1][1])
-    if length(way) < MET:
+    line = sub(first, a.anchors[1][1])
+    if length(line) < MET:
         return
-    axis = scaled(way, 1 / length(way))
+    axis = scaled(line, 1 / length(line))
     old, new = (_across(sub(point, first), axis) for point in (_point(a, at), goal))
     radius, reach = length(old), length(new)
     if radius < MET or reach < MET or length(sub(scaled(old, reach / radius), new)) < ALIKE:
@@ -331,8 +331,8 @@ def _across(v: Vector, axis: Vector) -> Vector:
 
 def _stretch(a: Body, at: Vector, goal: Vector) -> None:
     held, pin = a.anchors[0]
-    way = sub(goal, _point(a, at))
-    distance = length(way)
+    gap = sub(goal, _point(a, at))
+    distance = length(gap)
     if distance < ALIKE:
         return
     chosen = None
@@ -341,11 +341,11 @@ def _stretch(a: Body, at: Vector, goal: Vector) -> None:
         if any(length(sub(_arm(a, q, k), pinned)) > ALIKE for q, _ in a.anchors) or is_zero(arm):
             continue
         direction, share = scaled(arm, 1 / length(arm)), length(sub(arm, pinned))
-        if share >= MET and dot(way, direction) / distance > ALONG:
+        if share >= MET and dot(gap, direction) / distance > ALONG:
             chosen = k, direction, share  # the last one wins
     if chosen:
         k, direction, share = chosen
-        a.size = with_number(a.size, k, a.size[k] + abs(dot(way, direction)) / share)
+        a.size = with_number(a.size, k, a.size[k] + abs(dot(gap, direction)) / share)
     _pin(a, held, pin)
 
 

@@ -310,8 +310,8 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
     def known(j: int, *names: str) -> None:
         for name in names:
             if name not in counts and name not in copies and name != BBOX:
-                there = textwrap.shorten(", ".join([BBOX, *counts, *sorted(copies)]), 200, placeholder=" …")
-                raise fail(j, f"{name} is not there yet; wanted one of {there}")
+                declared = textwrap.shorten(", ".join([BBOX, *counts, *sorted(copies)]), 200, placeholder=" …")
+                raise fail(j, f"{name} is not there yet; wanted one of {declared}")
 
     def moved(j: int, name: str, *targets: str) -> None:
         known(j, name, *targets)

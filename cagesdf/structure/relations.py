@@ -58,9 +58,9 @@ class Reflection:
 
     def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Reflection":
         """The relation of moved parts, by their new centres."""
-        way = b - a
-        distance = float(np.linalg.norm(way))
-        normal = _vector(way / distance) if distance > MET else self.normal
+        offset = b - a
+        distance = float(np.linalg.norm(offset))
+        normal = _vector(offset / distance) if distance > MET else self.normal
         return replace(self, point=_vector((a + b) / 2), normal=normal)
 
 
@@ -97,8 +97,8 @@ class Rotation:
 
     def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Rotation":
         """The relation of moved parts, by their new centres, about the same direction by the same angle."""
-        way = np.cross(self.axis, b - a) / (2 * math.tan(self.angle / 2)) if abs(self.angle) > MET else 0
-        return replace(self, pivot=_vector((a + b) / 2 + way))
+        arm = np.cross(self.axis, b - a) / (2 * math.tan(self.angle / 2)) if abs(self.angle) > MET else 0
+        return replace(self, pivot=_vector((a + b) / 2 + arm))
 
 
 Relation = Adjacency | Reflection | Translation | Rotation

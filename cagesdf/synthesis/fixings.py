@@ -33,11 +33,11 @@ class Touching(Fixing):
 
     target: int
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One attach."""
         other, cuboid = targets[self.target]
-        meeting = meeting_point(own, cuboid)
-        return [Attach(name, other, rounded(place_in(own, meeting)), rounded(place_in(cuboid, meeting)))]
+        meeting = meeting_point(held, cuboid)
+        return [Attach(name, other, rounded(place_in(held, meeting)), rounded(place_in(cuboid, meeting)))]
 
 
 @dataclass(frozen=True)
@@ -46,21 +46,21 @@ class Standing(Fixing):
 
     end: float
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One attach."""
         box, frame = targets[None]
         at = np.array([0.5, self.end, 0.5])
-        return [Attach(name, box, rounded(at), rounded(place_in(frame, point_in(own, at))))]
+        return [Attach(name, box, rounded(at), rounded(place_in(frame, point_in(held, at))))]
 
 
 @dataclass(frozen=True)
 class Through(Fixing):
     """From the bbox's floor to its ceiling."""
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One squeeze."""
         box, frame = targets[None]
-        u, _, v = rounded(place_in(frame, own.centre))
+        u, _, v = rounded(place_in(frame, held.centre))
         return [Squeeze(name, box, box, "bot", (u, v))]
 
 
@@ -72,11 +72,11 @@ class Turned(Fixing):
     high: Triple  # of the other: it differs along the axis alone
     targets: tuple[int | None, int | None]  # what each end is attached to
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """Two attaches."""
         ends = [(at, *targets[target]) for at, target in zip((self.low, self.high), self.targets)]
         return [
-            Attach(name, other, at, rounded(place_in(cuboid, point_in(own, np.array(at)))))
+            Attach(name, other, at, rounded(place_in(cuboid, point_in(held, np.array(at)))))
             for at, other, cuboid in ends
         ]
 

@@ -111,13 +111,13 @@ def plan_block(node: Node) -> tuple[Slot, ...]:
     placed: list[Cuboid] = []
     for i in order:
         permutation, axis, aligned = _naming(children[i])
-        own = _as_executed(_box(children[i]).permuted(permutation), axis, aligned)
+        cuboid = _as_executed(_box(children[i]).permuted(permutation), axis, aligned)
         neighbours = _neighbours(node, slots, (i, *(copies[i].children if i in copies else ())))
-        holder = _Holder(own, frame, {place: placed[place] for place in neighbours}, _moves(node, i, copies, frame))
+        holder = _Holder(cuboid, frame, {place: placed[place] for place in neighbours}, _moves(node, i, copies, frame))
         fixing = holder.upright() if aligned else holder.turned(axis)
         inside = plan_block(children[i]) if children[i].children else ()
         slots.append(Slot(i, permutation, axis, aligned, fixing, copies.get(i), inside))
-        placed.append(own)
+        placed.append(cuboid)
     return tuple(slots)
 
 
@@ -145,12 +145,12 @@ class _Holder:
     def turned(self, axis: int) -> Fixing:
         """A fixing at the side of its axis where most ends meet cuboids before it; the middle first."""
         sides = [(0.5, 0.5), *((u, 0.5) for u in (0.0, 1.0)), *((0.5, v) for v in (0.0, 1.0))]
-        found = []
+        fixings = []
         for u, v in sides:
             ends = [np.insert(np.array([u, v]), axis, end) for end in (0.0, 1.0)]
             low, high = (self._target(point_in(self.own, end)) for end in ends)
-            found.append(Turned(rounded(ends[0]), rounded(ends[1]), (low, high)))
-        return max(found, key=lambda fixing: sum(target is not None for target in fixing.targets))
+            fixings.append(Turned(rounded(ends[0]), rounded(ends[1]), (low, high)))
+        return max(fixings, key=lambda fixing: sum(target is not None for target in fixing.targets))
 
     def _target(self, point: ndarray) -> int | None:
         return next((place for place, cuboid in self.targets.items() if self._reaches(point, cuboid)), None)
@@ -176,25 +176,25 @@ def _naming(node: Node) -> tuple[Float[ndarray, "3 3"], int, bool]:
 def _copies(node: Node, frame: Cuboid) -> dict[int, Copies]:
     """Copies that a reflect or a translate can make, by the child that they are copied from."""
     place = {child.node_id: i for i, child in enumerate(node.children)}
-    found: dict[int, Copies] = {}
+    result: dict[int, Copies] = {}
     copied: set[int] = set()
     for relation in node.relations:
         if isinstance(relation, Adjacency):
             continue
         a, b = place[relation.a], place[relation.b]
-        if isinstance(relation, Reflection) and not {a, b} & (found.keys() | copied):
+        if isinstance(relation, Reflection) and not {a, b} & (result.keys() | copied):
             axis = int(np.abs(relation.normal).argmax())
             if abs(relation.point[axis] - frame.centre[axis]) < EXACT:
-                found[a] = Copies((b,), axis, True)
+                result[a] = Copies((b,), axis, True)
                 copied.add(b)
-        elif isinstance(relation, Translation) and b not in found.keys() | copied:
+        elif isinstance(relation, Translation) and b not in result.keys() | copied:
             offset = np.array(relation.offset)
             axis = int(np.abs(offset).argmax())
             if offset[axis] > 0 and np.abs(np.delete(offset, axis)).max() < EXACT:
-                first = next((i for i, item in found.items() if a in item.children), a)
-                found[first] = Copies((*(found[first].children if first in found else ()), b), axis, False)
+                first = next((i for i, item in result.items() if a in item.children), a)
+                result[first] = Copies((*(result[first].children if first in result else ()), b), axis, False)
                 copied.add(b)
-    return found
+    return result
 
 
 def _neighbours(node: Node, slots: Sequence[Slot], children: tuple[int, ...]) -> list[int]:
@@ -266,13 +266,13 @@ class _Writer:
         targets: dict[int | None, Target] = {None: (BBOX, frame)}
         declared, held, copied = list[Statement](), list[Statement](), list[Statement]()
         for place, (name, slot) in enumerate(zip(self.names(), self.slots)):
-            own = self._own(slot)
-            declared.append(Declare(name, lengths(own.size), slot.aligned))
-            held += slot.fixing.statements(name, own, targets)
+            cuboid = self._own(slot)
+            declared.append(Declare(name, lengths(cuboid.size), slot.aligned))
+            held += slot.fixing.statements(name, cuboid, targets)
             if slot.copies:
                 last = _box(self._child(slot.copies.children[-1]))
                 copied.append(slot.copies.statement(name, _box(self._child(slot.child)), last, frame))
-            targets[place] = name, own
+            targets[place] = name, cuboid
         return [*declared, *held, *copied]
 
     def _child(self, place: int) -> Node:
