@@ -48,13 +48,13 @@ def import_shape(
     if not finds:
         return _shape(raw, similarity, meshes, _given(raw, meshes, weld, min_thickness), weld)
     if raw.written is not None or parts == "found":
-        origin, solids = _found(raw, meshes, similarity, weld, min_thickness)
+        origin, closed = _found(raw, meshes, similarity, weld, min_thickness)
     else:
-        origin, solids = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
-    if len(solids) > max_parts:
-        reason = f"it has {len(solids)} parts, at most {max_parts} wanted; join some of them"
+        origin, closed = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
+    if len(closed) > max_parts:
+        reason = f"it has {len(closed)} parts, at most {max_parts} wanted; join some of them"
         raise ShapeRejected(raw.shape_id, STAGE, reason)
-    return _shape(raw, similarity, meshes, solids, weld, origin)
+    return _shape(raw, similarity, meshes, closed, weld, origin)
 
 
 def _check(raw: RawShape, max_faces: int, max_parts: int) -> None:
@@ -122,16 +122,16 @@ def _chosen(
     raw: RawShape, meshes: list[Mesh], similarity: Similarity, weld: float, max_parts: int, min_thickness: float
 ) -> tuple[Origin, tuple[Part, ...]]:
     """The groups of a file if they are parts, else those that are found."""
-    origin, solids = _found(raw, meshes, similarity, weld, min_thickness)
+    origin, closed = _found(raw, meshes, similarity, weld, min_thickness)
     if len(meshes) > max_parts:
-        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), solids
-    volume = signed_volume(union([part.mesh for part in solids]))
+        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), closed
+    volume = signed_volume(union([part.mesh for part in closed]))
     if reason := doubt(meshes, boxes_volume(meshes) / volume, origin.boxes, weld):
-        return replace(origin, reason=reason), solids
+        return replace(origin, reason=reason), closed
     try:
         given = _given(raw, meshes, weld, min_thickness)
     except ShapeRejected as error:
-        return replace(origin, reason=error.reason), solids
+        return replace(origin, reason=error.reason), closed
     return Origin("given", f"cuboids bound the {len(given)} groups of its file well"), given
 
 

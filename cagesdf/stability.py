@@ -57,8 +57,8 @@ def distances(cage: Cage, limit: float) -> Float[ndarray, "p p"]:
     if len(a):
         corners = cage.corners()
         to_cuboids = cage.signed_distance(corners.reshape(-1, 3)).reshape(len(cage), 8, len(cage)).min(axis=1)
-        to_corners = np.minimum(to_cuboids[a, b], to_cuboids[b, a])
-        result[a, b] = result[b, a] = np.minimum(to_corners, _between_edges(corners[a], corners[b]))
+        at_corners = np.minimum(to_cuboids[a, b], to_cuboids[b, a])
+        result[a, b] = result[b, a] = np.minimum(at_corners, _between_edges(corners[a], corners[b]))
     return result
 
 

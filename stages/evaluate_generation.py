@@ -70,14 +70,16 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
     inputs = {"clouds": clouds, "features": features}
     with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:
         classifier, sets = read_features(features / FILE), read_clouds(clouds)
-        shapes = {arm: read_generated(path) for arm, path in arms.items()}
+        folders = {arm: read_generated(path) for arm, path in arms.items()}
         made = {
-            (arm, method): described(classifier, clouds.name, params, *stacked(own.points(method), classifier.points))
-            for arm, own in shapes.items()
-            for method in own.methods
+            (arm, method): described(
+                classifier, clouds.name, params, *stacked(shapes.points(method), classifier.points)
+            )
+            for arm, shapes in folders.items()
+            for method in shapes.methods
         }
         train, reference = (real(classifier, clouds.name, params, sets[name]) for name in ("train", "reference"))
-        size = min([len(reference[0]) // 2, *(len(own) for own, _ in made.values() if len(own) > 1)])
+        size = min([len(reference[0]) // 2, *(len(shapes) for shapes, _ in made.values() if len(shapes) > 1)])
         draws = drawn(reference[0], size, params.draws, item_rng(params.seed, "draws")) if size > 1 else []
         tasks = list(tasks_of(made, train, reference, draws, params)) if draws else []
         done, rejected = parallel_map(
@@ -91,7 +93,7 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
             row
             for task in tasks
             if task.arm != REAL
-            for row in nearest_rows(task, scored[task.key], shapes[task.arm].ids(task.method), sets["train"])
+            for row in nearest_rows(task, scored[task.key], folders[task.arm].ids(task.method), sets["train"])
         ]
         if draws:
             rows.append(halves(reference[0], item_rng(params.seed, "halves")))

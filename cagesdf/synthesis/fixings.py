@@ -23,8 +23,8 @@ class Fixing(ABC):
     """The attachments that hold a cuboid in its block."""
 
     @abstractmethod
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
-        """The statements that put it in its place, `own`."""
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
+        """The statements that put the cuboid in its place, `held`."""
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ class Copies:
     axis: int
     mirrored: bool  # there is one, the mirror image; else they follow each other in equal steps
 
-    def statement(self, name: str, own: Cuboid, last: Cuboid, frame: Cuboid) -> Statement:
+    def statement(self, name: str, original: Cuboid, last: Cuboid, frame: Cuboid) -> Statement:
         """The statement that makes them; `last` is the last of them."""
         if self.mirrored:
             return Reflect(name, AXES[self.axis])
-        span = (last.centre - own.centre)[self.axis] / frame.size[self.axis]
+        span = (last.centre - original.centre)[self.axis] / frame.size[self.axis]
         return Translate(name, AXES[self.axis], len(self.children), round(float(span), PLACE_DIGITS))
 
 
