@@ -1,4 +1,4 @@
-"""The points of one cuboid that a field is asked at."""
+"""The lattice of one cuboid on which a field is evaluated."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cuboid
 
-WHOLE = 1e-9  # a length of so much more than a number of cells has no further one: rounding
+WHOLE = 1e-9  # cells: a length that exceeds a number of cells by less has no further one, since rounding explains it
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ from cagesdf.extraction.merging import merged
 from cagesdf.meshes import Mesh
 from cagesdf.solid import as_manifold, from_manifold
 
-# A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
-# of the most that it can.
+# A vertex on a face counts as clipped where the network's surface would go beyond it by more, in cells, or where the
+# value is below -reach / 2.
 CLIP_TOLERANCE = 0.25
 
 
@@ -28,7 +28,7 @@ class Fineness:
 
 
 USUAL = Fineness(16, 0.05)
-PREVIEW = Fineness(12, 0.2)  # where a surface is to be there at once
+PREVIEW = Fineness(12, 0.2)  # for surfaces that must appear at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Part:
 
 
 def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
-    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units."""
+    """The solid of a field in one of its cuboids, in cells of at most `cell`, canonical units."""
     lattice = Lattice.of(field.cage[field.cage.part_ids[cuboid]], cell, fineness.least)
     answers = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
     asked = answers.asked

@@ -127,7 +127,7 @@ class LiveSurface:
     def _united(
         self, keys: tuple[bytes, ...], solids: Mapping[bytes, Manifold], unions: dict[tuple[bytes, ...], Manifold]
     ) -> Manifold:
-        """The union of some solids, of two halves that are made so themselves; `unions` gets all but single solids.
+        """The union of solids, by halves; `unions` gets the union of every half with more than one solid.
 
         An edit makes only those anew that have the part in them. The order is the cage's, whatever was edited.
         """
@@ -146,7 +146,7 @@ class LiveSurface:
 def in_order(mesh: Mesh) -> Mesh:
     """The faces of a closed, manifold mesh by their first edge.
 
-    manifold3d has them in the order in which the solids that they are of were made, which threads and edits change.
+    manifold3d orders faces by when their solids were made, which depends on threads and edits.
     """
     tail, head = mesh.faces[:, :2].T.astype(np.int64)
     return Mesh(mesh.vertices, mesh.faces[np.argsort(tail * len(mesh.vertices) + head)])

@@ -31,7 +31,7 @@ class _Sorted:
 class Hinge:
     """Mean over parts and points of max(signed distance + ROOM, 0).
 
-    The loss is a sum of so many that float32 does for the points; sums are float64.
+    float32 is exact enough for single points of such a large sum; sums are float64.
     """
 
     def __init__(self, points: Float[ndarray, "p n 3"]) -> None:
@@ -63,7 +63,7 @@ class Hinge:
 
 
 def _local(points: Float[ndarray, "3 n"], vector: Float[ndarray, " 15"]) -> tuple[ndarray, ndarray, ndarray]:
-    """Offsets from the centre, the same along the cuboid's axes, and how far that is beyond the faces."""
+    """Offsets from the centre, the same along the cuboid's axes, and the distances of these beyond the faces."""
     numbers = vector.astype(np.float32)
     offsets = points - numbers[:3, None]
     along = numbers[3:12].reshape(3, 3) @ offsets

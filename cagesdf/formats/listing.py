@@ -191,7 +191,7 @@ def find_shapes(path: Path, include: str) -> Listing:
 
 
 def find_shape(path: Path) -> ShapeSource:
-    """The one shape at a path: a mesh file, a PartNet shape, or a folder of part meshes.
+    """The single shape at a path: a mesh file, a PartNet shape, or a folder of part meshes.
 
     It is taken by itself, without hierarchies or programs beside it. Raises InputError if nothing of the kind is
     there.

@@ -68,7 +68,7 @@ Scenes = Mapping[str, Mapping[str, Mesh]]
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where and how finely the vertices of a shape are stored."""
+    """Origin and step of a shape's stored vertices."""
 
     origin: Float[ndarray, " 3"]  # of the stored vertices, in the mesh's own frame
     step: float  # between possible coordinates, mesh units; 0: float32's
@@ -220,7 +220,7 @@ class _Gltf:
         self._append("scenes", {"name": name, "nodes": nodes})
 
     def _add(self, array: ndarray, kind: str, number: int, target: int, count: int, bounds: dict[str, Any]) -> int:
-        """Numbers in a view of their own; the number of the accessor to them."""
+        """Add numbers in a view of their own; returns the number of their accessor."""
         content = array.tobytes()
         view = {"buffer": 0, "byteOffset": len(self._bytes), "byteLength": len(content), "target": target}
         self._bytes += content
