@@ -48,7 +48,7 @@ def peak() -> float:
 
 
 def errors(texts: dict[str, str], lines: Iterable[str]) -> dict[str, float]:
-    """By program, the largest difference to the given cuboids in any number; infinite for another number of them."""
+    """Largest difference of each program's cuboids from the given ones; infinite for another number of cuboids."""
     wanted = {row["id"]: np.array(row["cuboids"]) for row in map(json.loads, lines)}
     result = {}
     for name, text in texts.items():

@@ -1,4 +1,4 @@
-"""Which meshes of a shape each leaf of its program stands for.
+"""Alignment of a program: the meshes of a shape that each leaf stands for.
 
 Published programs name no part [Jones et al. 2020]. They were made from the part trees of the same
 shapes, in whose unit they are, moved to the centre of the bounding box. A leaf stands for one node of

@@ -46,7 +46,7 @@ class Code:
 
 
 class CodeSource(ABC):
-    """Where the codes of new shapes come from; see `code_source`."""
+    """A source of codes for new shapes; see `code_source`."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
@@ -64,7 +64,7 @@ class Independent(CodeSource):
     kde: LatentKde
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
-        """As for any source; the cage plays no part."""
+        """See `CodeSource.draw`; the cage plays no part."""
         return _drawn(self.kde, self.kde.uniform(1), rng, temperature)
 
 
@@ -89,7 +89,7 @@ class Dependent(CodeSource):
         return similarity_weights(cage_distances([cage], self.cages), self.tau)
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
-        """As for any source."""
+        """See `CodeSource.draw`."""
         return _drawn(self.kde, self.weights(cage), rng, temperature)
 
     def about(self) -> dict[str, Any]:
@@ -104,7 +104,7 @@ class Isotropic(CodeSource):
     gaussian: IsotropicGaussian
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
-        """As for any source; there is no cage."""
+        """See `CodeSource.draw`; there is no cage."""
         return Code(self.gaussian.sample(rng, 1, temperature)[0].astype(np.float32), 1.0)
 
 

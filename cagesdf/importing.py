@@ -1,4 +1,4 @@
-"""From a shape as its files give it to closed parts in the canonical frame."""
+"""Import of shapes: closed parts in the canonical frame, from a shape as its files give it."""
 
 from collections import Counter
 from dataclasses import replace

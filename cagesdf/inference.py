@@ -100,7 +100,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Where a shape lies among the training shapes. Residuals are mean |sdf error|, in the decoder's unit."""
+    """The place of a shape among the training shapes. Residuals are mean |sdf error|, in the decoder's unit."""
 
     residual: float  # with one code for the whole shape
     median: float  # of the training shapes' residuals
@@ -114,7 +114,7 @@ class Verdict:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the shape is far from the training shapes; none if it is not."""
+        """Reasons why the shape is far from the training shapes; none if it is not."""
         result = []
         if self.residual > max(FAR_RESIDUAL * self.median, self.largest):
             result.append(
@@ -208,7 +208,7 @@ def sides(cage: Cage) -> Float[ndarray, " 3"]:
 
 
 def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
-    """Where a shape of this cage and code lies among the training shapes."""
+    """The verdict on a shape with this cage and code."""
     code = inferred.code.cpu().numpy()
     distances = {shape_id: float(np.linalg.norm(other - code)) for shape_id, other in known.codes.items()}
     nearest = min(distances, key=lambda shape_id: distances[shape_id])

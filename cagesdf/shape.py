@@ -69,7 +69,7 @@ class RawShape:
 
 @dataclass(frozen=True)
 class Origin:
-    """Whose parts a shape has."""
+    """The source of a shape's parts."""
 
     parts: str  # "given" by its files, "found" in its surface, "written" in a file beside it
     reason: str  # why

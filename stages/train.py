@@ -147,7 +147,7 @@ def free_codes(decoder: Decoder, latents: LatentTable, sequences: Mapping[str, S
 
 
 def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, Structure]:
-    """By shape id, what its cuboids follow from: the fitted program with its parts' labels, or else its hierarchy."""
+    """Structures by shape id: the fitted program with its parts' labels, or else the hierarchy."""
     fitted = read_assemblies(cuboids)
     return {
         shape_id: fitted[shape_id].labelled({part.part_id: part.label for part in shapes.alignment(shape_id)})

@@ -1,4 +1,4 @@
-"""From a network, the codes of parts and a cage to closed solids and their union (§3.6).
+"""Closed solids of parts and their union, from a network, the parts' codes and a cage (§3.6).
 
 The network is evaluated on a lattice of each cuboid, along its own axes, and there only where a surface
 can be. Points beyond its faces are outside, so that the solid ends on them exactly: parts that fill their cuboids have

@@ -31,7 +31,7 @@ class Lattice:
 
     @property
     def steps(self) -> Float[ndarray, " 3"]:
-        """From a point to the next along each axis, canonical units."""
+        """Distance of neighbouring points along each axis, canonical units."""
         return self.cuboid.size / self.cells
 
     def unit_axes(self) -> list[Float[ndarray, " _"]]:

@@ -1,4 +1,4 @@
-"""From a network's values on a cuboid's lattice to the closed solid that they bound there."""
+"""The closed solid that a network's values on a cuboid's lattice bound."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""From a field and one of its cuboids to the closed solid of that part."""
+"""The closed solid of one part, from a field and one of its cuboids."""
 
 from dataclasses import dataclass
 from functools import partial

@@ -1,4 +1,4 @@
-"""From a field to a closed surface within the cage, at once or edit by edit (§3.6)."""
+"""Closed surfaces of fields within their cages, at once or edit by edit (§3.6)."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""From codes to programs: the likeliest line that the rules allow, then the next, for all programs at once.
+"""Decoding of programs from codes: the likeliest line that the rules allow, then the next, all programs at once.
 
 A program that turns out invalid is discarded, not mended: the share of valid ones says how much of the
 language the network has learnt. (The official decoder discards new programs, too.)

@@ -68,7 +68,7 @@ def layers(*widths: int) -> nn.Sequential:
 
 
 class Encoder(nn.Module):
-    """From programs to the mean and variance of their codes."""
+    """The encoder: mean and variance of the codes of programs."""
 
     def __init__(self, width: int, code: int) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """From codes to programs, a line at a time. `state` is the recurrent network's after the lines so far."""
+    """The decoder: programs from codes, a line at a time. `state` is the recurrent network's after the lines so far."""
 
     def __init__(self, width: int, code: int) -> None:
         super().__init__()

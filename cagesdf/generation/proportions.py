@@ -71,7 +71,7 @@ class ProportionGenerator(Generator):
     reach: float  # distance of the farthest corner of a cage, canonical units: the training cages' median
 
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-        """As for any generator; a temperature of 1 has the covariance of the training cages."""
+        """See `Generator.sample`; a temperature of 1 has the covariance of the training cages."""
         sizes = np.array([len(family.cuboids) for family in self.families])
         drawn: list[Generated | str] = []
         contacts = [family.contacts() for family in self.families]

@@ -43,7 +43,7 @@ class PackedGRU(nn.Module):
 
 
 class _Steps(torch.autograd.Function):
-    """From what lines bring to the gates, and the first states, to the states after each line."""
+    """The states after each line, from the lines' share of the gates and the first states."""
 
     @staticmethod
     def forward(ctx: Any, gates: Tensor, start: Tensor, weight: Tensor, bias: Tensor, rows: Rows) -> Tensor:

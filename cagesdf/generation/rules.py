@@ -58,7 +58,7 @@ class BlockRules:
         self._copied = np.zeros(SLOTS, bool)
 
     def commands(self) -> Bool[ndarray, " 7"]:
-        """Which commands may come next; there is always one."""
+        """Whether each command may come next; at least one may."""
         allowed = np.zeros(len(COMMANDS), bool)
         allowed[CUBOID] = self.phase == PHASE[CUBOID] and len(self.names) < SLOTS
         if len(self.statements) < MAX_LINES:
@@ -68,7 +68,7 @@ class BlockRules:
         return allowed
 
     def operands(self, command: int, chosen: tuple[int, ...]) -> Bool[ndarray, " 11"]:
-        """Which slots may be the next operand of a command, after those chosen."""
+        """Whether each slot may be the next operand of a command, after those chosen."""
         if command == CUBOID:
             return np.arange(SLOTS) == len(self.names)
         if command in (REFLECT, TRANSLATE):
@@ -83,14 +83,14 @@ class BlockRules:
         return self._grounded & ~np.isin(np.arange(SLOTS), others)
 
     def axes(self, command: int, slot: int) -> Bool[ndarray, " 3"]:
-        """Along which axes a cuboid may be copied."""
+        """Whether a cuboid may be copied along each axis."""
         if command == TRANSLATE:
             return np.ones(3, bool)
         return np.abs(np.array(self._bodies[self.names[slot]].centre)) > OFF_PLANE * self.size
 
     @staticmethod
     def faces(operands: tuple[int, ...]) -> Bool[ndarray, " 6"]:
-        """By which faces a squeeze may hold its cuboid."""
+        """Whether a squeeze may hold its cuboid by each of FACES."""
         upright = [name in ("top", "bot") for name in FACE_NAMES]
         return np.array(upright) if 0 in operands[1:] else np.ones(6, bool)
 

@@ -68,7 +68,7 @@ class Structure(ABC):
 
     @abstractmethod
     def signatures(self) -> dict[str, str]:
-        """By node id, a text that two subtrees share if they are equal up to continuous parameters (§3.3)."""
+        """Signatures by node id: subtrees that are equal up to continuous parameters have the same text (§3.3)."""
 
     def signature(self) -> str:
         """The root's signature: that of the whole structure."""

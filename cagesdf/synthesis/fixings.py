@@ -55,7 +55,7 @@ class Standing(Fixing):
 
 @dataclass(frozen=True)
 class Through(Fixing):
-    """From the bbox's floor to its ceiling."""
+    """Squeezed between the bbox's floor and its ceiling."""
 
     def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One squeeze."""
@@ -120,7 +120,7 @@ def meeting_point(a: Cuboid, b: Cuboid) -> Float[ndarray, " 3"]:
 
 
 def place_in(cuboid: Cuboid, point: Float[ndarray, " 3"]) -> Float[ndarray, " 3"]:
-    """Where a point is in a cuboid: 0 and 1 are its faces along each axis; the nearest place within."""
+    """Coordinates of a point in a cuboid, 0 and 1 on its faces; those of the nearest place within."""
     return np.clip(cuboid.axes @ (point - cuboid.centre) / cuboid.size + 0.5, 0, 1)
 
 
