@@ -66,7 +66,7 @@ class Mixes:
         self.recipes: Mapping[str, Recipe] = read_recipes(data / "raw" / category)
 
     def figures(self, pair: tuple[str, str], rng: np.random.Generator) -> dict[str, dict[str, float]] | None:
-        """Gains of one mix by method and truth; None if no label that some parts have shows the style."""
+        """Gains of one mix by method and truth; None if no label that only some parts have shows the style."""
         shape, styled = (self.shapes.read(shape_id) for shape_id in pair)
         rest, styled_rest = (self.sequences[shape_id].cages[0] for shape_id in pair)
         opened = self.session.opened(pair[0])
