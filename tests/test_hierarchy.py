@@ -137,7 +137,8 @@ def test_other_cuboids_bring_their_own_mirrors_and_leave_the_tree_as_it_is() -> 
     assert other.parts() == hierarchy.parts()
     assert all(np.array_equal(other.cuboids()[name].centre, cuboid.centre) for name, cuboid in cuboids.items())
     (before,), (after,) = hierarchy.relations(), other.relations()
-    assert isinstance(before, Reflection) and isinstance(after, Reflection)
+    assert isinstance(before, Reflection)
+    assert isinstance(after, Reflection)
     assert np.allclose(np.abs(after.normal), np.abs(before.normal))
     assert np.isclose(after.point[0], before.point[0] + 1)
 

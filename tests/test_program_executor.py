@@ -67,7 +67,7 @@ def test_the_first_attachment_moves() -> None:
 
 
 POLE = ["a = Cuboid(0.1, 1, 0.2, False)", "attach(a, bbox, 0.5, 0, 0.5, 0.5, 0, 0.5)"]
-LEANING = [[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]]  # in the direction (0.6, 0.8, 0), by the least rotation
+LEANING = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])  # in the direction (0.6, 0.8, 0), by the least rotation
 
 
 def test_the_second_attachment_turns_and_keeps_the_length_that_fits() -> None:
