@@ -150,7 +150,7 @@ def test_runs_are_called_by_what_tells_them_apart(tmp_path: Path) -> None:
 def test_a_document_has_the_name_of_the_shape_that_is_seen() -> None:
     first = Document.opened("chair", stool())
     other = stool()
-    built = PartHierarchy.from_json(other.structure.with_cuboids(other.cage.cuboids()).to_json())  # type: ignore[attr-defined]
+    built = PartHierarchy.from_json(other.structure.with_cuboids(other.cage.cuboids()).to_json())
     new = first.then(Build(structure=built.to_json()), STYLES).named("new_1")
     copied = new.then(Duplicate(part="seat", by=(0.0, 0.1, 0.0)), STYLES)
     assert (new.name, copied.name) == ("new_1", "new_1")
