@@ -20,7 +20,9 @@ from cagesdf.sampling import rounded_up
 
 SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
 LEAST_CHUNKS = 2  # of a part at one step
-LARGEST = 150.0  # area of a surface in the unit frame that still gets more points; a box has 6
+# Areas of a surface in the unit frame between which points follow it; a box has 6. A bent wire in a large cuboid may
+# have less than 1, and yet all of the cuboid's empty space to be kept empty.
+SMALLEST, LARGEST = 4.0, 150.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +45,15 @@ def sample_part(
 ) -> PartSamples:
     """Training samples of a closed part, given in the unit frame of cuboid number `cuboid`.
 
-    For each unit of its surface's area there it gets `part_near` points around the surface and `part_uniform` others.
+    For each unit of its surface's area there it gets `part_near` points around the surface and `part_uniform` others;
+    areas count as at least SMALLEST and at most LARGEST.
 
     Near points are at places of the surface, uniform by area in the unit frame, plus an isotropic normal offset whose
     standard deviation is log-uniform in SPREAD times the cuboid's smallest length. Those that fall beyond the cuboid by
     more than BEYOND of a length are drawn uniformly instead, in the cuboid enlarged by that, like the uniform points.
     """
     areas = face_areas(solid)
-    area = min(float(areas.sum()), LARGEST)
+    area = min(max(float(areas.sum()), SMALLEST), LARGEST)
     near = int(part_near * area)
     total = max(LEAST_CHUNKS, -(-int((part_near + part_uniform) * area) // chunk)) * chunk
     moved = solid.with_vertices(cage.from_unit(solid.vertices, cuboid))

@@ -14,7 +14,7 @@ from cagesdf.deformation import solids_in_cuboids
 from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import BEYOND
 from cagesdf.meshes import Mesh, face_areas, is_closed
-from cagesdf.part_sampling import LARGEST, LEAST_CHUNKS, PartSamples, sample_part
+from cagesdf.part_sampling import LARGEST, LEAST_CHUNKS, SMALLEST, PartSamples, sample_part
 from cagesdf.solid import make_solid, union
 from cagesdf.structure.hierarchy import Node
 
@@ -63,7 +63,7 @@ def test_distances_to_a_ball_are_the_balls_where_the_cuboid_is_a_cube_of_another
 
 def test_there_are_as_many_points_as_the_surface_has_area_in_the_unit_frame_in_whole_chunks() -> None:
     for unit, least in ((BOX, 6), (toy.box((0, 0, 0), (1, 1, 0.02)), 2), (toy.ball((0, 0, 0), 0.5), 3)):
-        area = face_areas(unit).sum()
+        area = max(face_areas(unit).sum(), SMALLEST)
         assert area > least - 1e-9
         for size in ((0.6, 0.3, 0.1), (0.1, 0.1, 0.1)):
             samples = sampled(unit, cage(size))
@@ -76,6 +76,9 @@ def test_there_are_as_many_points_as_the_surface_has_area_in_the_unit_frame_in_w
 def test_a_part_has_its_least_chunks_and_a_rough_one_no_more_than_the_largest() -> None:
     assert len(sampled(BOX, cage(), (0.1, 0.1)).sdf) == LEAST_CHUNKS
     slats = union([toy.box((0, 0, z), (1, 1, 0.004)) for z in np.linspace(-0.49, 0.49, 120)])
+    wire = BOX.with_vertices(BOX.vertices * [1, 0.01, 0.01])
+    assert face_areas(wire).sum() < SMALLEST
+    assert len(sampled(wire, cage(), (100.0, 50.0)).sdf) == -(-int(150 * SMALLEST) // CHUNK)
     assert face_areas(slats).sum() > LARGEST
     assert len(sampled(slats, cage(), (1.0, 0.5)).sdf) == -(-int(1.5 * LARGEST) // CHUNK)
 

@@ -69,9 +69,10 @@ def test_times_are_those_measured_in_proportion_to_what_there_is_to_do(tmp_path:
     # One shape, after each of two snapshots and at the end.
     assert only(tmp_path, found("evaluate_progress", 6.0, 1)).seconds == pytest.approx(6.0 / 1 * 3)
     assert only(tmp_path, found("evaluate_edits", 6.0, 12, "cagesdf")).seconds == pytest.approx(6.0 / 12 * 44)
-    # Two methods, of each of which two shapes are measured.
-    assert only(tmp_path, found("generate", 2.0, 4, "cagesdf")).seconds == pytest.approx(2.0 / 4 * 16 * 2)
-    assert only(tmp_path, found("generate", 2.0, 2, "deepsdf")).seconds == pytest.approx(2.0 / 2 * 16)
+    # Two methods, of each of which two shapes are measured, with 64 cells instead of 96.
+    finer = (96 / 64) ** 2
+    assert only(tmp_path, found("generate", 2.0, 4, "cagesdf")).seconds == pytest.approx(2.0 / 4 * 16 * 2 * finer)
+    assert only(tmp_path, found("generate", 2.0, 2, "deepsdf")).seconds == pytest.approx(2.0 / 2 * 16 * finer)
     # DeepSDF has no latent for held-out steps.
     assert only(tmp_path, found("extract_meshes", 2.0, 1, "deepsdf")).seconds == pytest.approx(2.0 * 6 * 4)
 

@@ -40,12 +40,17 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
 
 
 def normal_sums(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, "3 f"]) -> Float[ndarray, "4 v"]:
-    """Sums of normal · 2 area, and of 2 area, over the faces with each vertex as their first corner."""
-    (ax, ay, az), b, c = (vertices[corner].T for corner in corners)
-    (ux, uy, uz), (vx, vy, vz) = (b[0] - ax, b[1] - ay, b[2] - az), (c[0] - ax, c[1] - ay, c[2] - az)
+    """Sums of normal · 2 area, and of 2 area, over the faces with each vertex as their first corner.
+
+    Products are in float32, a coordinate at a time: three times as fast, and 1e-6 of an area doesn't matter here.
+    """
+    first, second, third = corners.astype(np.intp)
+    columns = vertices.T.astype(np.float32, order="C")
+    ux, uy, uz = (column.take(second) - column.take(first) for column in columns)
+    vx, vy, vz = (column.take(third) - column.take(first) for column in columns)
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     rows = (x, y, z, np.sqrt(x * x + y * y + z * z))
-    return np.stack([np.bincount(corners[0], row, len(vertices)) for row in rows])
+    return np.stack([np.bincount(first, row, len(vertices)) for row in rows])
 
 
 def flat_discs(
