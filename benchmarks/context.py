@@ -37,7 +37,7 @@ from pipeline import TrainParams, load
 from stages.train import free_codes
 
 DECODERS = ("PlainTriplaneDecoder", "TriplaneDecoder", "RelationTriplaneDecoder")
-HIDDEN_FAMILIES = 4  # one family in so many isn't trained on
+HIDDEN_FAMILIES = 4  # every fourth family isn't trained on
 COLUMNS = ("trained", "seen parts", "hidden part", "other families: seen parts", "hidden part")
 
 

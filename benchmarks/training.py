@@ -92,7 +92,7 @@ def our_loop(name: str, params: TrainParams, latents: LatentTable, gradients: Ca
 
 
 def rates(loops: list[Loop], batches: list[Batch], seconds: float) -> dict[str, float]:
-    """Points a second of each: its median step, of as many as take all of them `seconds` together."""
+    """Points a second of each loop by its median step; all loops together take `seconds`."""
     for loop in loops:
         for batch in batches[:5]:
             loop.step(batch)

@@ -15,7 +15,7 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.meshes import Mesh, box_volume, face_components, signed_volume, weld
 from cagesdf.shape import Audit, Shape
 
-POINTS = 512  # in the boxes of a shape's parts, as many in each
+POINTS = 512  # in all boxes of a shape's parts, equally many in each
 LEAST = 8  # in a part's box, however many parts there are
 LINES = 5  # through each point: two rays each
 AGREED = 0.75  # of the rays: with fewer on either side, a point isn't clear

@@ -136,7 +136,7 @@ def _chosen(
 
 
 def _found_part(found: FoundParts, part: FoundPart, weld: float, min_thickness: float) -> Part:
-    """A found part; its repair is that of the components it is of."""
+    """A found part; its repair sums up those of its components."""
     solid = make_solid(part.mesh, weld, min_thickness)
     owners = [found.components[i] for i in sorted({fragment.component for fragment in part.fragments})]
     repairs = [*(owner.repair for owner in owners), solid]

@@ -1,4 +1,4 @@
-"""Random numbers of single items: the same whatever the order, the number of workers, and what else is drawn."""
+"""Random numbers of single items, independent of the order, the number of workers and other draws."""
 
 import zlib
 from collections.abc import Iterable

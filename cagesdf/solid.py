@@ -53,7 +53,7 @@ JITTER = 1e-9  # of a mesh's extent: enough for vertices that lie on an edge not
 CUT_OFF = 1e-8  # share of its volume that a mesh may lose as it is read
 SPECK = 1e-3  # sheets and flaps that make up less than this share of a part's area are dropped
 PASSES = 3  # at giving plates to faces that were left out
-NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no more, is represented by it
+NEAR = 1e-3  # canonical units: a face in the solid, or at most this far outside, is represented by it
 ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
 OFFSET = 0.002  # canonical units: from a sheet to its wrap
 TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
@@ -447,7 +447,7 @@ def wrap(mesh: Mesh, away: float = TIGHT) -> Mesh:
 
 
 def _smooth_regions(mesh: Mesh) -> list[Mesh]:
-    """Faces that edges of exactly two faces, no sharper than CREASE, hold together; those of a region turned alike."""
+    """Regions of faces connected by edges of exactly two faces, at most as sharp as CREASE; each turned alike."""
     faces, _ = igl.bfs_orient(mesh.faces.astype(np.int64))
     oriented = Mesh(mesh.vertices, faces.astype(np.int32))
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()

@@ -16,7 +16,7 @@ from cagesdf.models.codes import part_codes
 from cagesdf.models.decoders import Decoder
 
 GROUP = 960  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
-ROWS = 96  # numbers of points are rounded up to this: libraries compute what is left over of their blocks otherwise
+ROWS = 96  # numbers of points are rounded up to multiples: libraries compute incomplete blocks otherwise
 # The cage of decoders that don't know cuboids.
 CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
 

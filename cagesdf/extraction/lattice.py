@@ -39,7 +39,7 @@ class Lattice:
         return [np.arange(count + 1) / count - 0.5 for count in self.cells.tolist()]
 
     def points(self, indices: Integer[ndarray, "n 3"] | Float[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
-        """Canonical positions of (possibly fractional) indices; equal ones have equal positions, whatever beside them.
+        """Canonical positions of (possibly fractional) indices; equal ones have equal positions in any batch.
 
         Along a cuboid whose axes are the frame's own, all points of a face have the very same coordinate.
         """

@@ -13,7 +13,7 @@ from cagesdf.meshes import Mesh, vertex_normals
 
 # A vertex is no nearer to a lattice point than this, in steps: at a value of 0 faces would have no area.
 NUDGE = 1e-3
-# A vertex is moved by no more than this towards the zero set, in steps along each axis.
+# Largest movement of a vertex towards the zero set, in steps along each axis.
 FARTHEST = 0.4
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
 

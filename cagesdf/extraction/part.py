@@ -24,7 +24,7 @@ class Fineness:
     """Least number of cells of a part, and how much its faces are simplified."""
 
     least: int  # cells along each axis of its cuboid
-    even: float  # faces are made fewer where that moves the surface by no more, in the shortest steps
+    even: float  # largest movement of the surface as its faces are simplified, in the shortest steps
 
 
 USUAL = Fineness(16, 0.05)

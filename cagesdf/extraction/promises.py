@@ -12,7 +12,7 @@ from cagesdf.errors import InputError
 from cagesdf.meshes import Mesh, compact, edge_keys, join, signed_volume
 from cagesdf.solid import as_manifold, cage_surface, from_manifold, union
 
-OVERSHOOT = 1e-3  # a surface leaves its cuboids by no more, in cells
+OVERSHOOT = 1e-3  # largest distance by which a surface may leave its cuboids, in cells
 TWIN = 1e-3  # a cuboid's mirror image is another one if its corners are no further from that one's, canonical units
 ON_PLANE = 1e-9  # what is nearer to the mirror than this lies on it, canonical units
 AS_LARGE = 1 - 1e-6  # two pieces with this ratio of volumes are as large as each other

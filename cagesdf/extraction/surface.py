@@ -24,7 +24,7 @@ Each = Callable[[Callable[[int], Part], Iterable[int]], Iterable[Part]]
 
 @dataclass(frozen=True, eq=False)
 class Extraction:
-    """A surface, and what it took."""
+    """A surface, and figures of its extraction."""
 
     mesh: Mesh  # canonical, closed, manifold, outward, within the cuboids; no faces if the network says outside
     parts: Meshes  # by cuboid, closed; the mesh is their union without the components that `loose` drops
@@ -129,7 +129,7 @@ class LiveSurface:
     ) -> Manifold:
         """The union of solids, by halves; `unions` gets the union of every half with more than one solid.
 
-        An edit makes only those anew that have the part in them. The order is the cage's, whatever was edited.
+        An edit makes only unions with the edited part anew. The order is the cage's, whichever part was edited.
         """
         if len(keys) == 1:
             return solids[keys[0]]

@@ -78,7 +78,7 @@ def fit_program(program: AssemblyProgram, boxes: Cage, points: Float[ndarray, "p
 
 
 def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[ndarray, "_ 3"]]) -> AssemblyProgram:
-    """The program changed until its leaves bound `points`, those of each leaf: a part's convex hull's vertices do.
+    """The program changed until its leaves bound `points`, given for each leaf; vertices of the convex hull suffice.
 
     Among such parameters it seeks those that keep the leaves near `boxes` (as in `fit_program`).
     If there are none, the points stick out as little as possible. Raises ProgramError if the
@@ -256,8 +256,8 @@ class _Problem:
     ) -> tuple[Float[ndarray, " t"], float]:
         """The step that minimises the extrapolated loss within the radius, and by how much it lowers that.
 
-        Variables of the linear program: what each parameter goes up, goes down; of each number of each
-        leaf what it is above its box's, below it; each part's penalty.
+        Variables of the linear program: increase and decrease of each parameter; excess and deficit of each
+        number of each leaf over its box's; each part's penalty.
         """
         p, _, t = jacobian.shape
         model, slopes = state.penalty, jacobian.reshape(-1, t)

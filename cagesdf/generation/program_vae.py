@@ -190,7 +190,7 @@ class Decoder(nn.Module):
 
 
 def weighted_entropy(logits: Float[Tensor, " k"], targets: Float[Tensor, " k"], weight: float) -> Float[Tensor, " k"]:
-    """Binary cross entropies, those of targets 1 times `weight`."""
+    """Binary cross entropies; those of positive targets count `weight` times."""
     return binary_cross_entropy_with_logits(logits, targets, pos_weight=logits.new_tensor(weight), reduction="none")
 
 

@@ -66,7 +66,7 @@ class _Steps(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, None]:
         gates, kept_new, states, start, weight = ctx.saved_tensors
         (grad,) = grads
-        # The state before each line: the first, and of the others as many as go on.
+        # The state before each line: the first states, then those of the sequences that go on.
         before = torch.cat([start, *[states[b : b + n - e] for (b, _), (e, n) in pairwise(ctx.rows)]])
         reset, update, new = gates.chunk(3, dim=1)
         by_state = torch.stack([  # of reset, update and new before their nonlinearities, by the state after

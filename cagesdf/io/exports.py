@@ -175,7 +175,7 @@ def _write_obj(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Sc
 
 
 def obj(groups: Iterable[tuple[Float[ndarray, "_ 3"], Mapping[str, Int[ndarray, "_ 3"]]]]) -> str:
-    """Wavefront OBJ: vertices, and the faces over them by object; as many digits as tell the numbers of their type.
+    """Wavefront OBJ: vertices, and the faces over them by object; as many digits as distinguish numbers of their type.
 
     Names have underscores for blanks, where some readers would cut them.
     """

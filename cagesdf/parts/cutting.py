@@ -192,7 +192,7 @@ def _undo(piece: _Cut, price: float) -> float:
 
 
 def _made(piece: _Cut, fragment: Fragment) -> list[Fragment]:
-    """The cuts of a searched copy made in a fragment; its pieces go on as those of the copy that lie there."""
+    """The pieces of a fragment after the cuts of the searched copy; each is cut like the copy's piece in its place."""
     if piece.plane is None:
         return [fragment]
     boxes = np.array([child.solid.bounding_box() for child in piece.children])

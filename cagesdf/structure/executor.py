@@ -75,7 +75,7 @@ class Body:
         self.axes: Axes = UPRIGHT
         self.anchors: list[tuple[Vector, Vector]] = []  # place in this cuboid, and the point it was put to
         self.moves: list[tuple[Vector, str]] = []  # place in this cuboid, and the cuboid it was put to
-        self.original: str = name  # what it is a copy of
+        self.original: str = name  # the declared cuboid that it is, or is a copy of
         self.mirror: int | None = None  # the axis it was mirrored along as a copy
 
     def numbers(self) -> tuple[Number, ...]:
@@ -103,7 +103,7 @@ def differentiate(program: AssemblyProgram) -> tuple[Cage, Float[ndarray, "p 15 
 
     Parameters are ordered as in `AssemblyProgram.parameters`. Choices (which axis is scaled,
     whether a cuboid grows, which lattice points are nearest) are taken as they fall: the
-    derivative is that of the piece that the parameters lie in. Raises ProgramError as `execute`.
+    derivative belongs to the smooth piece that the parameters lie in. Raises ProgramError as `execute`.
     """
     parameters = program.parameters()
     with np.errstate(over="ignore", invalid="ignore"):  # what isn't finite is refused below

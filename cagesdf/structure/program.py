@@ -78,8 +78,8 @@ class Squeeze:
     """`squeeze(a, b, c, face, u, v)`: attach `a` by its `face` to `b`, and by the opposite one to `c`."""
 
     a: str  # moves
-    b: str  # what its face is put to
-    c: str  # what its opposite face is put to
+    b: str  # its face touches this cuboid
+    c: str  # its opposite face touches this one
     face: str  # one of FACES
     place: tuple[Number, Number]  # on b and c, along the two axes that are not the face's, x before y before z
 

@@ -4,7 +4,7 @@ Every function fills [-size/2, size/2]³ of its size, in the local frame. A rail
 along local x. Front is local +z: where a leg kicks out, it kicks there.
 
 Details keep their lengths, whatever the member's: blocks, feet and finials are as high, beads as
-far apart, feet as thin. The shaft between them takes what is left. So no style is affine in its cuboid.
+far apart, feet as thin. The shaft between them takes the rest. So no style is affine in its cuboid.
 """
 
 from collections.abc import Callable, Mapping

@@ -4,7 +4,7 @@ Each labelled group of several cuboids becomes a block, its bbox the axis-aligne
 Cuboids stand in the order of their lowest points, so that each is attached to what is below it, and
 what is mirrored or repeated along an axis is declared once. Upright cuboids are aligned and held at
 one place. Turned ones are attached at both ends of an axis, which turns them by the least rotation
-that takes the axis there: what they are twisted about that axis is lost.
+that takes the axis there: their twist about that axis is lost.
 
 Which cuboid is attached to which, and by what, is decided on a typical drawing of the family, and
 only the numbers on the shape's own: so all shapes of a family have the same program up to continuous
@@ -200,7 +200,7 @@ def _copies(node: Node, frame: Cuboid) -> dict[int, Copies]:
 def _neighbours(node: Node, slots: Sequence[Slot], children: tuple[int, ...]) -> list[int]:
     """Slots that all the children touch; for more than one child, those that aren't copied themselves.
 
-    A copy is attached to what its original is, never to a copy of that.
+    A copy is attached to its original's targets, never to copies of them.
     """
     touching = {frozenset((r.a, r.b)) for r in node.relations if isinstance(r, Adjacency)}
     names = [child.node_id for child in node.children]
