@@ -1,4 +1,4 @@
-"""The chair that the benchmarks measure: twelve overlapping rounded parts, of as many faces as asked."""
+"""The chair that the benchmarks measure: twelve overlapping rounded parts, with a given number of faces."""
 
 from collections.abc import Mapping
 

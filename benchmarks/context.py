@@ -1,4 +1,4 @@
-"""What a part's code gains from the other parts: decoders whose parts see each other, know how they relate, or neither.
+"""Gain of a part's code from the other parts: decoders whose parts see each other, know how they relate, or neither.
 
     python -m benchmarks.context [chair table vase] [--steps 1400] [--seeds 4 5] [--shapes 6] [--parts 3]
 
@@ -39,7 +39,7 @@ from stages.train import free_codes
 # Learning distances, as these arms of profiles/ablations.yaml do.
 ARM = {"clamp": 0.6, "precision": "float32", "snapshots": ()}
 DECODERS = ("PlainTriplaneDecoder", "TriplaneDecoder", "RelationTriplaneDecoder")
-HIDDEN_FAMILIES = 4  # one family in so many isn't trained on
+HIDDEN_FAMILIES = 4  # every fourth family isn't trained on
 COLUMNS = ("trained", "seen parts", "hidden part", "other families: seen parts", "hidden part")
 
 
@@ -86,9 +86,9 @@ def hidden_parts(
         parts = groups.part.unique()
         for part in rng.permutation(parts.numpy())[:count].tolist():
             seen, hidden = of_parts(groups, groups.part != part), of_parts(groups, groups.part == part)
-            found = infer(run.decoder, candidates, seen, run.params["clamp"], settings.inference, 0)
-            (codes,) = OneShape(run.decoder, hidden, run.params["clamp"]).codes(found.code[None])
-            yield found.code_error, OneShape(run.decoder, hidden, run.params["clamp"]).mean_error(codes)
+            inferred = infer(run.decoder, candidates, seen, run.params["clamp"], settings.inference, 0)
+            (codes,) = OneShape(run.decoder, hidden, run.params["clamp"]).codes(inferred.code[None])
+            yield inferred.code_error, OneShape(run.decoder, hidden, run.params["clamp"]).mean_error(codes)
 
 
 def of_parts(groups: Batch, which: torch.Tensor) -> Batch:

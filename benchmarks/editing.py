@@ -1,4 +1,4 @@
-"""How long an edit takes until its surface is there, as an editor makes it: operation by operation.
+"""Latency from an edit to its surface, as in an editor: operation by operation.
 
     python -m benchmarks.editing data/runs/chair/cagesdf data/runs/table/cagesdf data/runs/vase/cagesdf [--edits 200]
 
@@ -70,7 +70,7 @@ def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:
 def scripts(session: Session, count: int, seed: int) -> list[tuple[str, list[Operation]]]:
     """Shapes, and edits that can be done to them."""
     rng = np.random.default_rng(seed)
-    found = []
+    result = []
     for shape_id in rng.permutation([*session.styles.shapes])[: -(-count // EDITS)].tolist():
         history, done = History.of(session.opened(shape_id)), list[Operation]()
         while len(done) < EDITS:
@@ -80,8 +80,8 @@ def scripts(session: Session, count: int, seed: int) -> list[tuple[str, list[Ope
             except InputError:
                 continue
             done.append(operation)
-        found.append((shape_id, done))
-    return found
+        result.append((shape_id, done))
+    return result
 
 
 def main(runs: list[Path], threads: int, edits: int, seed: int) -> None:
@@ -103,9 +103,9 @@ def main(runs: list[Path], threads: int, edits: int, seed: int) -> None:
             for operation in operations:
                 wall, begun = time.perf_counter(), time.process_time()
                 history = apply(history, operation, session.styles)
-                found = live.surface(history.present)
-                took = time.perf_counter() - wall, time.process_time() - begun, found.asked
-                assert is_closed(found.mesh), (shape_id, operation)
+                surface = live.surface(history.present)
+                took = time.perf_counter() - wall, time.process_time() - begun, surface.asked
+                assert is_closed(surface.mesh), (shape_id, operation)
                 times[operation.op].append(took)
         for kind, names in KINDS.items():
             walls, processors, asked = np.array([took for name in names for took in times[name]]).T

@@ -1,4 +1,4 @@
-"""What extraction costs and keeps: the tables of docs/extraction.md.
+"""Cost and accuracy of extraction: the tables of docs/extraction.md.
 
     OMP_NUM_THREADS=1 python -m benchmarks.extraction methods [--shapes 8]
     OMP_NUM_THREADS=1 python -m benchmarks.extraction memory chair 0
@@ -69,8 +69,8 @@ def methods(runs: list[Path], shapes: int) -> None:
 
 
 def compared(field: CageField, resolution: int) -> tuple[float, ...]:
-    """Of one shape: points asked densely and sparsely, seconds of both, faces, the share that the cage cut off, whether
-    the surfaces are equal bit for bit, and how far they leave the cage."""
+    """Figures of one shape: points evaluated densely and sparsely, seconds of both, faces, the share that the cage cut
+    off, whether the surfaces are equal bit for bit, and how far they leave the cage."""
     slow, dense = timed(lambda: extract(field, resolution, METHODS["dense"]))
     fast, sparse = timed(lambda: extract(field, resolution))
     equal = np.array_equal(dense.mesh.vertices, sparse.mesh.vertices)
@@ -80,9 +80,9 @@ def compared(field: CageField, resolution: int) -> tuple[float, ...]:
 def memory(run: Path, shape: int) -> None:
     trained = read_run(run)
     shape_id = list(trained.sequences)[shape]
-    seconds, found = timed(extract, rest_field(trained, shape_id), 512)
+    seconds, extraction = timed(extract, rest_field(trained, shape_id), 512)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    row(shape_id, f"{peak:.0f} MB", f"{seconds:.1f} s", f"{found.asked:,}", f"{len(found.mesh.faces):,}")
+    row(shape_id, f"{peak:.0f} MB", f"{seconds:.1f} s", f"{extraction.asked:,}", f"{len(extraction.mesh.faces):,}")
 
 
 def fineness(runs: list[Path], shapes: int) -> None:
@@ -116,14 +116,14 @@ def cell_of(resolution: int) -> float:
 
 def agreement(one: Mesh, other: Mesh) -> np.ndarray:
     """Signed normal consistency and mean distance, both ways."""
-    found, rng = [], np.random.default_rng(0)
+    directions, rng = [], np.random.default_rng(0)
     for a, b in ((one, other), (other, one)):
         points, faces = sample_surface(a, SAMPLES, rng)
         away, nearest, _ = SurfaceDistance(b).closest(points)
-        here, there = (face_normals(mesh)[some] for mesh, some in ((a, faces), (b, nearest)))
-        lengths = np.linalg.norm(here, axis=1) * np.linalg.norm(there, axis=1)
-        found.append(((here * there).sum(axis=1) / lengths, away))
-    return np.mean(found, axis=(0, 2))
+        normals_a, normals_b = (face_normals(mesh)[indices] for mesh, indices in ((a, faces), (b, nearest)))
+        lengths = np.linalg.norm(normals_a, axis=1) * np.linalg.norm(normals_b, axis=1)
+        directions.append(((normals_a * normals_b).sum(axis=1) / lengths, away))
+    return np.mean(directions, axis=(0, 2))
 
 
 def latency(runs: list[Path], edits: int) -> None:
@@ -146,9 +146,9 @@ def latency(runs: list[Path], edits: int) -> None:
                     cage = edited(cage, rng)
                     # Parts keep their codes, as in an editor.
                     given = CageField(run.decoder, field.codes, cage)
-                    spent, found = timed(live.surface, given, clock=time.perf_counter)
+                    spent, extraction = timed(live.surface, given, clock=time.perf_counter)
                     seconds.append(spent)
-                    asked.append(found.asked)
+                    asked.append(extraction.asked)
             p50, p95 = np.percentile(seconds, [50, 95])
             row(path.parent.name, f"{resolution}, {fineness.least}, {fineness.even:g}", len(seconds),
                 *(f"{1000 * t:.0f}" for t in (p50, p95, max(seconds), np.median(first))),

@@ -92,11 +92,11 @@ CHANGES: dict[str, Parts] = {
 
 
 def clouds(recipes: Sequence[Recipe], parts: Parts, points: int, seed: int) -> np.ndarray:
-    found = []
+    result = []
     for i in range(len(recipes)):
         rng = np.random.default_rng([seed, i])
-        found.append(cloud_of(parts(recipes, i, rng), points, rng))
-    return np.stack(found)
+        result.append(cloud_of(parts(recipes, i, rng), points, rng))
+    return np.stack(result)
 
 
 def measure(classifier: Features, category: str, count: int, few: int) -> list[str]:
@@ -114,8 +114,8 @@ def measure(classifier: Features, category: str, count: int, few: int) -> list[s
     spreads = " | ".join(f"{some[0]:.3g} ± {np.std(some, ddof=1):.2g}" for some in floors.values())
     lines = [f"| {category} | as drawn | {spreads} | | |"]
     for name, features in changed.items():
-        found = feature_figures(features, reference)
-        cells = [f"{found[f]:.3g}" for f in floors]
+        distances = feature_figures(features, reference)
+        cells = [f"{distances[f]:.3g}" for f in floors]
         rises = dict.fromkeys(floors, 0)
         for start in range(0, count - few + 1, few):
             rows = slice(start, start + few)

@@ -1,4 +1,4 @@
-"""How well shapes that were not trained on are fitted, against those that were.
+"""Quality of fitting shapes that were not trained on, against those that were.
 
     python -m benchmarks.fit_codes [chair table vase] [--runs data/runs] [--arm cagesdf] [--source FOLDER]
 
@@ -45,7 +45,7 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
     """surface_distance of `count` training shapes."""
     shapes = read_shapes(Path("data/shapes") / category)
     ids = np.random.default_rng(0).permutation(sorted(run.sequences))[:count].tolist()
-    found = []
+    distances = []
     for shape_id in ids:
         sequence = run.sequences[shape_id]
         field = field_of(run.decoder, run.latent(shape_id, 0), sequence.cages[0])
@@ -53,52 +53,52 @@ def trained_distances(run: Run, category: str, count: int) -> list[float]:
         rng = np.random.default_rng(0)
         drawn = truth.drawn(MEASURE["points"], rng)
         surface = Measured(extract(field, RESOLUTION).mesh)
-        found.append(score(surface, truth, drawn, rng)["surface_distance"])
-    return found
+        distances.append(score(surface, truth, drawn, rng)["surface_distance"])
+    return distances
 
 
 def fitted(run: Run, known: inference.Known, source: ShapeSource) -> dict[str, Any]:
-    """What `cagesdf fit` reports of one shape, the distance with one code alone, and seconds."""
+    """The report of `cagesdf fit` on one shape, with the distance for one code alone, and seconds."""
     start = time.process_time()
     settings = usual_settings()
     rng = np.random.default_rng(0)
     prepared = inference.prepare(run, import_shape(read_shape(source), **IMPORT), settings, rng)
     fit = inference.fit_code(run, known, prepared, settings.inference, 0)
     surface = inference.fitted_surface(run, fit, RESOLUTION)
-    told = inference.report(fit, surface, inference.measure(fit, surface.mesh, **MEASURE, rng=rng))
+    report = inference.report(fit, surface, inference.measure(fit, surface.mesh, **MEASURE, rng=rng))
     seconds = time.process_time() - start
     alone = field_of(run.decoder, fit.inferred.code, prepared.fitted.cage)
     measured = inference.measure(fit, extract(alone, RESOLUTION).mesh, **MEASURE, rng=rng)
-    return {**told, "one_code": measured["surface_distance"], "seconds": seconds}
+    return {**report, "one_code": measured["surface_distance"], "seconds": seconds}
 
 
 def all_fitted(run: Run, known: inference.Known, sources: Iterable[ShapeSource]) -> list[dict[str, Any]]:
     """The reports of the shapes that can be used; a line each, on the way."""
-    found = []
+    reports = []
     for source in sources:
         try:
-            found.append(fitted(run, known, source))
+            reports.append(fitted(run, known, source))
         except (ShapeRejected, InputError) as error:
             print(f"- {error}", flush=True)
             continue
-        one = found[-1]
+        one = reports[-1]
         print(f"- {one['shape_id']}: {one['surface_distance']:.3f} %, {one['verdict']}", flush=True)
-    return found
+    return reports
 
 
-def row(name: str, trained: list[float], found: list[dict[str, Any]]) -> str:
+def row(name: str, trained: list[float], reports: list[dict[str, Any]]) -> str:
     """One line of the table."""
-    distances = [one["surface_distance"] for one in found]
+    distances = [one["surface_distance"] for one in reports]
     cells = [
         name,
-        str(len(found)),
+        str(len(reports)),
         f"{mean(trained):.3f}, {median(trained):.3f}",
-        f"{mean(one['one_code'] for one in found):.3f}",
+        f"{mean(one['one_code'] for one in reports):.3f}",
         f"{mean(distances):.3f}, {median(distances):.3f}",
         f"{mean(distances) / mean(trained):.2f}, {median(distances) / median(trained):.2f}",
-        f"{sum(distance <= 1.5 * mean(trained) for distance in distances)} of {len(found)}",
-        f"{sum(one['far'] for one in found)} of {len(found)}",
-        f"{mean(one['seconds'] for one in found):.1f}",
+        f"{sum(distance <= 1.5 * mean(trained) for distance in distances)} of {len(reports)}",
+        f"{sum(one['far'] for one in reports)} of {len(reports)}",
+        f"{mean(one['seconds'] for one in reports):.1f}",
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -118,8 +118,8 @@ def main() -> None:
         known = inference.Known.of(run, read_residuals(folder))
         validation = [source for source in list_shapes(Path("data/raw") / category, "*") if source.split == "val"]
         trained = trained_distances(run, category, len(validation))
-        found = all_fitted(run, known, validation[len(validation) // 2 :])
-        rows.append(row(f"{category}, validation", trained, found))
+        reports = all_fitted(run, known, validation[len(validation) // 2 :])
+        rows.append(row(f"{category}, validation", trained, reports))
         if i == 0 and options.source is not None:
             rows.append(
                 row(

@@ -1,4 +1,4 @@
-"""How fast programs are fitted, and how well, beside the paper's appendix to the letter.
+"""Speed and quality of fitting programs, beside the paper's appendix to the letter.
 
     python -m benchmarks.fit_programs --programs FOLDER --shapes 100 --adam 12
 
@@ -61,12 +61,12 @@ def parts_of(cage: Cage, points: int, noise: float, rng: np.random.Generator) ->
     np.put_along_axis(surface, face, rng.choice([-1.0, 1.0], face.shape), axis=2)
     surface /= (np.abs(surface) ** ROUND).sum(axis=2, keepdims=True) ** (1 / ROUND)
     surface[:, :6] = np.concatenate([np.eye(3), -np.eye(3)])
-    return boxes, np.array([boxes.from_unit(own / 2, i) for i, own in enumerate(surface)])
+    return boxes, np.array([boxes.from_unit(body / 2, i) for i, body in enumerate(surface)])
 
 
 def outside(cage: Cage, points: np.ndarray) -> np.ndarray:
     """Share of each part's points outside its cuboid."""
-    each = (Cage.of({"": cuboid}).signed_distance(own) for cuboid, own in zip(cage.cuboids().values(), points))
+    each = (Cage.of({"": cuboid}).signed_distance(surface) for cuboid, surface in zip(cage.cuboids().values(), points))
     return np.array([(distance > TOLERANCE).mean() for distance in each])
 
 

@@ -1,4 +1,4 @@
-"""How many new shapes a second: the table of docs/generation.md.
+"""Speed of generation in shapes a second: the table of docs/generation.md.
 
     OMP_NUM_THREADS=1 python -m benchmarks.generation [--shapes 48] [--cells 64]
 
@@ -65,12 +65,12 @@ def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[
                         pool.map(partial(make_shape, run, how), map(partial(rng_of, turn, 2), range(len(todo))), todo)
                     )
                 spent.append((clock() - start) / len(made))
-        found = counts([shape.row() for shape in made])
+        numbers = counts([shape.row() for shape in made])
         faces = np.mean([len(shape.mesh.faces) for shape in made])
         one, two = (1 / median(spent) for spent in seconds.values())
         lines.append(
             f"| {category} | {arm} | {method} | {one:.1f} | {two:.1f} | {faces:,.0f} "
-            f"| {found['ok']} of {found['shapes']} |"
+            f"| {numbers['ok']} of {numbers['shapes']} |"
         )
     return lines
 

@@ -5,7 +5,7 @@
 `WEIGHTS` is a state dictionary of learnt 1024–512–256–40 numbers as learning3d's classifier has it; it is read without
 pickled code and never shipped. Prints a Markdown table: for each arm and method the share of new shapes that the judge
 calls by the name of their category, and FD and KPD of its 256 last features against the reference shapes; first the
-same of the training shapes. The judge was trained on shapes that may face another way: of four turns about y it$
+same of the training shapes. The judge was trained on shapes that may face another way: of four turns about y it
 sees the one in which it recognises most references. Both sets of FD are small: see the training shapes' for its bias.
 """
 
@@ -83,9 +83,9 @@ def rows(judge: Judge, data: Path, category: str) -> list[str]:
                 made[f"`{folder.name}`, {method}"] = np.stack(whole)
     table = []
     for name, clouds in made.items():
-        own, found = judge(turned(clouds, turn))
-        figures = feature_figures(own, features)
-        share = np.mean(found == number)
+        judged, predicted = judge(turned(clouds, turn))
+        figures = feature_figures(judged, features)
+        share = np.mean(predicted == number)
         table.append(f"| {named} | {name} | {len(clouds)} | {share:.0%} | {figures['fd']:.3g} | {figures['kpd']:.3g} |")
     return table
 

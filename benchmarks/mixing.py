@@ -68,7 +68,7 @@ class Mixes:
         self.recipes: Mapping[str, Recipe] = read_recipes(data / "raw" / category)
 
     def figures(self, pair: tuple[str, str], rng: np.random.Generator) -> dict[str, dict[str, float]] | None:
-        """By method and truth the gain of one mix; None where no label that not all parts have shows the style."""
+        """Gains of one mix by method and truth; None if no label that only some parts have shows the style."""
         shape, styled = (self.shapes.read(shape_id) for shape_id in pair)
         rest, styled_rest = (self.sequences[shape_id].cages[0] for shape_id in pair)
         opened = self.session.opened(pair[0])
@@ -161,7 +161,7 @@ def main(data: Path, category: str, count: int, resolution: int) -> None:
     print("|---|---|---|---|---|")
     for name in ("partner", "keep", "context", "swap", "box_warp", "keep_warp"):
         gains = {truth: np.array([figures[name][truth] for figures in measured]) for truth in ("recipe", "warp")}
-        cells = [f"{np.nanmedian(own):.3f} | {int((own > 0).sum())}" for own in gains.values()]
+        cells = [f"{np.nanmedian(column):.3f} | {int((column > 0).sum())}" for column in gains.values()]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 

@@ -1,4 +1,4 @@
-"""How good surfaces are after so many processor seconds of training: the part model beside the baselines.
+"""Quality of surfaces after given processor seconds of training: the part model beside the baselines.
 
     python -m benchmarks.parts [chair table vase] [--seconds 60 180 600] [--seeds 4 5 6] [--arms cagesdf …] [--shapes 4]
 
@@ -50,7 +50,7 @@ def trained(arm: str, category: str, out: Path, **changes: Any) -> float:
 
 
 def steps_in(seconds: float, arm: str, category: str, folder: Path) -> int:
-    """Steps of an arm that this machine does in so many seconds."""
+    """Steps of an arm that this machine does in `seconds`."""
     trained(arm, category, folder / f"trial-{arm}-warm", steps=1)  # what the first training alone takes
     few, many = (trained(arm, category, folder / f"trial-{arm}-{n}", steps=n) for n in (1, 1 + TRIAL))
     return max(int(seconds * TRIAL / (many - few)), 1)
@@ -72,7 +72,7 @@ def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> dict[st
 def row(arm: str, category: str, seconds: float, steps: int, seeds: list[int], count: int, folder: Path) -> str:
     """A row of the table: source shapes and held-out steps, the mean over seeds ± its spread."""
     shapes = read_shapes(Path("data/shapes") / category)
-    found: dict[bool, list[list[float]]] = {False: [], True: []}
+    by_split: dict[bool, list[list[float]]] = {False: [], True: []}
     for seed in seeds:
         out = folder / f"{arm}-{category}-{seconds:g}-{seed}"
         trained(arm, category, out, steps=steps, seed=seed)
@@ -83,9 +83,9 @@ def row(arm: str, category: str, seconds: float, steps: int, seeds: list[int], c
             items = [(i, s) for i, s in items if held_out or s == 0]
             if items:
                 figures = [measured(run, shapes, *item) for item in items]
-                found[held_out].append([float(np.nanmean([f[name] for f in figures])) for name in COLUMNS])
+                by_split[held_out].append([float(np.nanmean([f[name] for f in figures])) for name in COLUMNS])
     cells = []
-    for by_seed in found.values():
+    for by_seed in by_split.values():
         if not by_seed:
             cells.append("–")
             continue

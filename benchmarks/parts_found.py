@@ -1,4 +1,4 @@
-"""How well cuboids of found parts fit shapes that come as one mesh, beside other ways to get boxes.
+"""Fit of the cuboids of found parts to shapes that come as one mesh, beside other methods to get boxes.
 
     python -m benchmarks.parts_found [--shapes 6] [--ways found …] [--procedural chair …] [--united chair …]
         [--whole FOLDER …] [--parts FOLDER …]
@@ -133,7 +133,7 @@ def figures(solid: Mesh, boxes: Cage, true: list[Mesh] | None) -> list[float]:
 
 
 def outer_volume(surface: SurfaceDistance, low: np.ndarray, high: np.ndarray) -> float:
-    """Of a solid with what it encloses from five of six sides, on a grid."""
+    """Volume of a solid and of the space that it encloses from five of six sides, on a grid."""
     cells = (np.indices((GRID,) * 3).reshape(3, -1).T + 0.5) / GRID * (high - low) + low
     inside = surface.inside(cells).reshape((GRID,) * 3)
     sides = np.zeros(inside.shape, np.int64)
@@ -169,11 +169,11 @@ def main() -> None:
     parser.add_argument("--whole", type=Path, nargs="*", default=[])
     parser.add_argument("--parts", type=Path, nargs="*", default=[])
     options = parser.parse_args()
-    ways = {name: WAYS[name] for name in options.ways}
-    for rival in RIVALS & ways.keys():
+    methods = {name: WAYS[name] for name in options.ways}
+    for rival in RIVALS & methods.keys():
         if find_spec(rival) is None:
             print(f"{rival} is not installed")
-            del ways[rival]
+            del methods[rival]
     count = options.shapes
     sets = {f"{name}, joined": procedural(name, count, False) for name in options.procedural}
     sets |= {f"{name}, united": procedural(name, count, True) for name in options.united}
@@ -184,16 +184,16 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for title, items in sets.items():
-        rows: dict[str, list[list[float]]] = {name: [] for name in ways}
+        rows: dict[str, list[list[float]]] = {name: [] for name in methods}
         for item in items:
             try:
                 solid = union([from_manifold(one.solid) for one in components(item.mesh, WELD, THIN)])
             except (NotSolidError, InputError) as error:
                 print(f"left out: {error}")
                 continue
-            for name, way in ways.items():
+            for name, method in methods.items():
                 begun = time.process_time()
-                points = way(solid if name in RIVALS else item.mesh)
+                points = method(solid if name in RIVALS else item.mesh)
                 seconds = time.process_time() - begun
                 rows[name].append([*figures(solid, cage_of(points), item.true), seconds])
         for name, values in rows.items():

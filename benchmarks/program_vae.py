@@ -1,4 +1,4 @@
-"""The programs' autoencoder: how fast it trains, and what it makes of published programs (docs/generation.md).
+"""The programs' autoencoder: its speed of training, and its results on published programs (docs/generation.md).
 
     python -m benchmarks.program_vae speed FOLDER
     python -m benchmarks.program_vae train FOLDER TRAIN_IDS VAL_IDS [steps] [width] [code] [divergence]
@@ -81,7 +81,7 @@ def speed(folder: Path) -> None:
 
 def read(folder: Path, ids: Path) -> dict[str, AssemblyProgram]:
     """Programs by id, of those that are there and that rows can hold."""
-    found: dict[str, AssemblyProgram] = {}
+    programs: dict[str, AssemblyProgram] = {}
     for name in ids.read_text(encoding="utf-8").split():
         path = folder / f"{name.removesuffix('.txt')}.txt"
         if path.is_file():
@@ -91,14 +91,14 @@ def read(folder: Path, ids: Path) -> dict[str, AssemblyProgram]:
             except ProgramError as error:
                 print(f"{name}: {error}", file=sys.stderr)
                 continue
-            found[path.stem] = program
-    return found
+            programs[path.stem] = program
+    return programs
 
 
 def placed(programs: dict[str, AssemblyProgram]) -> tuple[dict[str, Assembly], dict[str, Cage]]:
     """Structures and cages by id, in the programs' own frame."""
-    here = Similarity(1.0, np.eye(3), np.zeros(3))
-    structures = {name: Assembly(program, here) for name, program in programs.items()}
+    identity = Similarity(1.0, np.eye(3), np.zeros(3))
+    structures = {name: Assembly(program, identity) for name, program in programs.items()}
     return structures, {name: structure.cage() for name, structure in structures.items()}
 
 
@@ -139,7 +139,7 @@ def train(folder: Path, train_ids: Path, val_ids: Path, steps: int, width: int, 
 
 
 def share(flags: "map[bool]") -> str:
-    """In per cent."""
+    """Share of true flags, in per cent."""
     return f"{np.mean(list(flags)):.1%}"
 
 

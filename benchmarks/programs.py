@@ -1,4 +1,4 @@
-"""How fast ShapeAssembly programs are read, executed and differentiated, and whether they give the published cuboids.
+"""Speed of reading, executing and differentiating ShapeAssembly programs, and agreement with the published cuboids.
 
     python -m benchmarks.programs --programs FOLDER [--cuboids FILE.jsonl.gz]
 
@@ -31,7 +31,7 @@ DIFFERENTIATED = 300  # programs, evenly chosen
 
 
 def seconds(work: Callable[[Any], object], items: list[Any]) -> float:
-    """How long `work` takes for an item, median over repetitions."""
+    """Seconds of `work` for one item, median over repetitions."""
     times = []
     for _ in range(REPETITIONS):
         start = time.perf_counter()
@@ -48,15 +48,15 @@ def peak() -> float:
 
 
 def errors(texts: dict[str, str], lines: Iterable[str]) -> dict[str, float]:
-    """By program, the largest difference to the given cuboids in any number; infinite for another number of them."""
+    """Largest difference of each program's cuboids from the given ones; infinite for another number of cuboids."""
     wanted = {row["id"]: np.array(row["cuboids"]) for row in map(json.loads, lines)}
-    found = {}
+    result = {}
     for name, text in texts.items():
         if name in wanted:
             vectors = execute(parse(text)).vectors()
             same = vectors.shape == wanted[name].shape
-            found[name] = float(np.abs(vectors - wanted[name]).max()) if same else float("inf")
-    return found
+            result[name] = float(np.abs(vectors - wanted[name]).max()) if same else float("inf")
+    return result
 
 
 def main(folder: Path, cuboids: Path | None) -> None:
@@ -76,10 +76,10 @@ def main(folder: Path, cuboids: Path | None) -> None:
     outside: dict[str, float] = {}
     if cuboids is not None:
         with gzip.open(cuboids, "rt", encoding="utf-8") as lines:
-            found = errors(texts, lines)
-        outside = {name: error for name, error in found.items() if error > TOLERANCE}
+            differences = errors(texts, lines)
+        outside = {name: error for name, error in differences.items() if error > TOLERANCE}
         heads.append("within 1e-4")
-        cells.append(f"{1 - len(outside) / len(found):.2%} of {len(found):,}")
+        cells.append(f"{1 - len(outside) / len(differences):.2%} of {len(differences):,}")
     print(f"On {processor()}.\n")
     print("\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), cells)))
     for name, error in outside.items():

@@ -1,4 +1,4 @@
-"""What the repair chain makes of shapes that were broken on purpose: the table of docs/repair.md.
+"""Results of the repair chain on shapes that were broken on purpose: the table of docs/repair.md.
 
     python -m benchmarks.repair [--points 20000]
 

@@ -1,4 +1,4 @@
-"""How fast shapes are sampled, in how much memory, and at how many distances a point.
+"""Speed and memory of sampling shapes, and the distances that it computes a point.
 
     python -m benchmarks.sampling
 
@@ -89,11 +89,11 @@ def by_rejection(surface: SurfaceDistance, count: int, rng: np.random.Generator)
     points, sdf = np.zeros((0, 3)), np.zeros(0)
     while len(points) < count:
         drawn = rng.uniform(-HALF_EXTENT, HALF_EXTENT, (BATCH, 3))
-        found = surface.closest(drawn)
-        kept = rng.random(BATCH) < np.exp(-BETA * found[0])
-        behind = surface.behind(drawn[kept], *(column[kept] for column in found))
+        closest = surface.closest(drawn)
+        kept = rng.random(BATCH) < np.exp(-BETA * closest[0])
+        behind = surface.behind(drawn[kept], *(column[kept] for column in closest))
         points = np.concatenate([points, drawn[kept]])
-        sdf = np.concatenate([sdf, np.where(behind, -1, 1) * found[0][kept]])
+        sdf = np.concatenate([sdf, np.where(behind, -1, 1) * closest[0][kept]])
     return points[:count], sdf[:count]
 
 
@@ -137,26 +137,26 @@ def importance(name: str, count: int, repetitions: int, reference: Path) -> dict
     }
 
 
-def whole_row(found: dict[str, float] | str) -> str:
+def whole_row(figures: dict[str, float] | str) -> str:
     """A line of the first table."""
-    if isinstance(found, str):
-        return f"| {found} | | | | | | |"
-    rate = found["points"] / found["seconds"]
+    if isinstance(figures, str):
+        return f"| {figures} | | | | | | |"
+    rate = figures["points"] / figures["seconds"]
     return (
-        f"| {found['faces']:,} | {found['points']:,} | {found['seconds']:.2f} | {rate:,.0f} | {found['asked']:.2f} "
-        f"| {found['before']:.0f} | {found['memory']:.0f} |"
+        f"| {figures['faces']:,} | {figures['points']:,} | {figures['seconds']:.2f} | {rate:,.0f} "
+        f"| {figures['asked']:.2f} | {figures['before']:.0f} | {figures['memory']:.0f} |"
     )
 
 
-def importance_row(name: str, count: int, found: dict[str, float] | str) -> str:
+def importance_row(name: str, count: int, figures: dict[str, float] | str) -> str:
     """A line of the second table."""
     start = f"| {SAMPLERS[name][0]} | "
-    if isinstance(found, str):
-        return f"{start}{found} | | | | | |"
-    p = "–" if name == "rejection" else f"{found['p']:.2g}"
+    if isinstance(figures, str):
+        return f"{start}{figures} | | | | | |"
+    p = "–" if name == "rejection" else f"{figures['p']:.2g}"
     return (
-        f"{start}{found['seconds']:.2f} | {count / found['seconds']:,.0f} | {found['asked']:.2f} "
-        f"| {found['distinct']:.1%} | {p} | {found['memory']:.0f} |"
+        f"{start}{figures['seconds']:.2f} | {count / figures['seconds']:,.0f} | {figures['asked']:.2f} "
+        f"| {figures['distinct']:.1%} | {p} | {figures['memory']:.0f} |"
     )
 
 
@@ -167,8 +167,8 @@ def tables(count: int, repetitions: int) -> str:
     alone = []
     with tempfile.TemporaryDirectory() as folder:
         for name in ("rejection", "resampling", "octree"):
-            found = child.ask(__file__, *options, "--sampler", name, count, Path(folder) / "sdf.npy")
-            alone.append(importance_row(name, count, found))
+            figures = child.ask(__file__, *options, "--sampler", name, count, Path(folder) / "sdf.npy")
+            alone.append(importance_row(name, count, figures))
     first = "| faces | points | seconds | points/s | distances a point | peak MB before | peak MB |"
     second = f"| {count:,} points by | seconds | points/s | distances a point | distinct | p | peak MB |"
     return child.table(first, whole) + "\n\n" + child.table(second, alone)

@@ -1,4 +1,4 @@
-"""What the stages from shapes to points cost a shape: three sizes, one worker and all cores.
+"""Cost a shape of the stages from shapes to points: three sizes, one worker and all cores.
 
     python -m benchmarks.scale [--sizes 8 16 32] [--category chair]
 
@@ -35,7 +35,7 @@ DEFORMED = 20_000  # shapes with points in the paper's data
 
 
 class Cost(NamedTuple):
-    """Of one run of one stage."""
+    """Cost of one run of one stage."""
 
     processor: float  # seconds of all its processes
     wall: float  # seconds
@@ -87,7 +87,7 @@ def run(folder: Path, params: dict, category: str, size: int, workers: int) -> d
 
 
 def write_params(folder: Path, params: dict, size: int) -> None:
-    """The parameters, with so many training shapes and no others."""
+    """Write the parameters with `size` training shapes and no others."""
     changed = params | {"synthesize": params["synthesize"] | {"train": size, "val": 0}}
     changed["match_targets"] = params["match_targets"] | {"unmatched": "scale"}  # so that none is dropped
     (folder / "params.yaml").write_text(yaml.safe_dump(changed), encoding="utf-8")

@@ -115,14 +115,14 @@ def measure(name: str, given: str, faces: int, count: int, repetitions: int) -> 
     method = METHODS[name][1]
     answers: list[np.ndarray] = []
     seconds = child.seconds(lambda: answers.append(method(meshes, asked)), repetitions)
-    found = np.asarray(answers[0], dtype=np.float64)[:JUDGED]
-    exact = exact[: len(found)]
+    answer = np.asarray(answers[0], dtype=np.float64)[:JUDGED]
+    exact = exact[: len(answer)]
     sided = np.abs(exact) > ON_SURFACE
-    error = np.abs(np.abs(found) - np.abs(exact))
+    error = np.abs(np.abs(answer) - np.abs(exact))
     return {
         "points": len(asked),
         "rate": len(asked) / seconds,
-        "sign": float(((found < 0) != (exact < 0))[sided].mean()),
+        "sign": float(((answer < 0) != (exact < 0))[sided].mean()),
         "off": float((error > 1e-4).mean()),
         "largest": float(error.max()),
         "memory": child.peak(),

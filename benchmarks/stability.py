@@ -1,4 +1,4 @@
-"""How often the two tests of stability agree on published programs: the table of docs/generation.md.
+"""Agreement of the two tests of stability on published programs: the table of docs/generation.md.
 
     python -m benchmarks.stability FOLDER [--shapes 500]
 
@@ -28,15 +28,15 @@ def main() -> None:
     chosen = np.random.default_rng(0).permutation(len(paths))[: arguments.shapes].tolist()
     cages = [execute(read_program(paths[i])) for i in chosen]
     standing = [cage for cage in cages if rooted(cage)]
-    found, seconds = {}, {}
+    verdicts, seconds = {}, {}
     for name, stable in STABILITIES.items():
         start = time.process_time()
-        found[name] = [stable(cage) for cage in standing]
+        verdicts[name] = [stable(cage) for cage in standing]
         seconds[name] = 1000 * (time.process_time() - start) / max(len(standing), 1)
     print(f"On {processor()}.\n")
     print(f"{len(cages)} programs, {len(standing)} rooted; ms of processor time a shape: {seconds}\n")
     print("| by support | by simulation | shapes |\n|---|---|---|")
-    for (support, simulation), count in sorted(Counter(zip(found["support"], found["simulation"])).items()):
+    for (support, simulation), count in sorted(Counter(zip(verdicts["support"], verdicts["simulation"])).items()):
         print(f"| {'stands' if support else 'falls'} | {'stands' if simulation else 'falls'} | {count} |")
 
 

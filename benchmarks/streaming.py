@@ -1,4 +1,4 @@
-"""How fast training points come from shards that don't fit into memory, and how much memory that takes.
+"""Speed and memory of reading training points from shards that don't fit into memory.
 
     python -m benchmarks.streaming 40 500        # million points, limit in MB
 
@@ -45,15 +45,15 @@ def resident() -> float:
 @contextmanager
 def peak(base: float) -> Iterator[list[float]]:
     """The highest resident memory above `base` while the block runs, MB, as the list's only item."""
-    found, stop = [0.0], threading.Event()
+    highest, stop = [0.0], threading.Event()
 
     def watch() -> None:
         while not stop.wait(0.01):
-            found[0] = max(found[0], resident() - base)
+            highest[0] = max(highest[0], resident() - base)
 
     thread = threading.Thread(target=watch)
     thread.start()
-    yield found
+    yield highest
     stop.set()
     thread.join()
 
@@ -100,7 +100,7 @@ def write(folder: Path, cages: dict[str, Sequence], points: int) -> None:
 
 
 def alone(data: StreamedPoints, batch: int) -> float:
-    """Points a second that the reader gives when nobody else works."""
+    """Points a second of the reader on an idle machine."""
     latents = LatentTable.drawn(data.latent_keys("source"), 32, 0.01, 0)
     batches = data.batches(latents, batch, 1, 0)
     batches.at(0)

@@ -92,7 +92,7 @@ def our_loop(name: str, params: TrainParams, latents: LatentTable, gradients: Ca
 
 
 def rates(loops: list[Loop], batches: list[Batch], seconds: float) -> dict[str, float]:
-    """Points a second of each: its median step, of as many as take all of them `seconds` together."""
+    """Points a second of each loop by its median step; all loops together take `seconds`."""
     for loop in loops:
         for batch in batches[:5]:
             loop.step(batch)
@@ -126,20 +126,20 @@ def main(category: str, seconds: float = 10) -> None:
     with slice_threads() as (pool, threads):
         tables = [LatentTable(table.keys, table.values.detach().clone()) for _ in range(len(params) + 1)]
         loops = [plain_loop(params["deepsdf"], tables[-1])]
-        for (name, values), own in zip(params.items(), tables):
+        for (name, values), latents in zip(params.items(), tables):
             loops.append(
                 our_loop(
                     name,
                     values,
-                    own,
+                    latents,
                     partial(
-                        Gradients, latents=own, clamp=values.clamp, precision=precision, pool=pool, threads=threads
+                        Gradients, latents=latents, clamp=values.clamp, precision=precision, pool=pool, threads=threads
                     ),
                 )
             )
-        found = rates(loops, batches, seconds)
-    for name, rate in found.items():
-        print(f"| {name} | {rate:,.0f} | {rate / found['plain']:.2f} |")
+        measured = rates(loops, batches, seconds)
+    for name, rate in measured.items():
+        print(f"| {name} | {rate:,.0f} | {rate / measured['plain']:.2f} |")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How far the default run's figures depend on the training seed.
+"""Dependence of the default run's figures on the training seed.
 
     python -m benchmarks.training_seeds chair 4 5 6
 

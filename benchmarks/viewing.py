@@ -1,4 +1,4 @@
-"""How long a drag takes until the surface follows, through a browser: the table of docs/editor.md.
+"""Latency from a drag to its surface, through a browser: the table of docs/editor.md.
 
     python -m benchmarks.viewing [data/runs/chair/cagesdf] [--moves 60]
 
@@ -53,11 +53,11 @@ def grip(cage: Cage, part: str, camera: Camera) -> np.ndarray:
 def drags(
     page: EditorPage, camera: Camera, cage: Cage, parts: list[tuple[str, str]], moves: int
 ) -> dict[int, list[tuple[float, float]]]:
-    """Seconds by cells: of each movement until that surface is there, and of making the surface alone."""
-    found: dict[int, list[tuple[float, float]]] = {COARSE: [], FINE: []}
+    """Seconds by cells: from each movement to its surface, and of the extraction alone."""
+    result: dict[int, list[tuple[float, float]]] = {COARSE: [], FINE: []}
     mouse = page.page.mouse
     for part, name in parts * moves:
-        if len(found[COARSE]) >= moves:
+        if len(result[COARSE]) >= moves:
             break
         page.settled()
         page.select(name)
@@ -71,13 +71,13 @@ def drags(
                 page.settled()
                 page.control("Status").first.evaluate(CLOCK, cells)
                 mouse.move(x + (cells == FINE), y - PIXELS * i)
-                seconds, said = page.page.evaluate("() => window.took")
-                found[cells].append((seconds, float(said.split(" in ")[1].split(" s")[0])))
+                seconds, status = page.page.evaluate("() => window.took")
+                result[cells].append((seconds, float(status.split(" in ")[1].split(" s")[0])))
         mouse.up()
         page.page.wait_for_timeout(1000)
         page.press("Reset")
         page.page.wait_for_timeout(1500)
-    return found
+    return result
 
 
 def main() -> None:
@@ -95,11 +95,11 @@ def main() -> None:
             page = EditorPage(browser.new_page(viewport={"width": 1200, "height": 800}), editor.address, Path(folder))
             client = next(iter(editor.server.get_clients().values())).camera
             camera = Camera(np.array(client.position), np.array(client.look_at), client.fov, client.image_height)
-            found = drags(page, camera, state.cage, [(part, names[part]) for part in names], arguments.moves)
+            latencies = drags(page, camera, state.cage, [(part, names[part]) for part in names], arguments.moves)
         browser.close()
     print(f"On {processor()}.\n")
     print("| cells | n | p50 s | p95 s | largest s | the surface alone, p50 s |\n|---|---|---|---|---|---|")
-    for cells, seconds in found.items():
+    for cells, seconds in latencies.items():
         whole, making = np.array(seconds).T
         p50, p95 = np.percentile(whole, [50, 95])
         print(f"| {cells} | {len(whole)} | {p50:.2f} | {p95:.2f} | {whole.max():.2f} | {np.median(making):.2f} |")

@@ -1,4 +1,4 @@
-"""Which meshes of a shape each leaf of its program stands for.
+"""Alignment of a program: the meshes of a shape that each leaf stands for.
 
 Published programs name no part [Jones et al. 2020]. They were made from the part trees of the same
 shapes, in whose unit they are, moved to the centre of the bounding box. A leaf stands for one node of
@@ -29,7 +29,7 @@ WIDE = 0.025  # the same, for what is thinner than it is out of place
 LEAST = 0.1  # a smaller overlap, averaged over both paddings, is no match
 DRIFT = 0.05  # raw units along each axis: the centres of program and meshes may be so far apart
 ROUNDS = 8  # of moving the program and matching again
-TRIED = 512  # ways weighed, after which the better way is followed at each conflict
+TRIED = 512  # assignments tried, after which the better branch is followed at each conflict
 DIVISIONS = 3  # of a face's edges: one sample in each of its small triangles
 APART = -1.0  # overlap of pairs that are ruled out: worse than none
 
@@ -56,7 +56,7 @@ def align(program: AssemblyProgram, candidates: Sequence[Candidate], meshes: Map
 
     `meshes` are raw, by name; y is up in them. The sum of `Boxes.overlap` is as large as it can be
     with no mesh matched twice, so never a node together with one above it. The program's centre is
-    the meshes' box centre, moved by the median way from matched leaves to their candidates as long as
+    the meshes' box centre, moved by the median offset of candidates from matched leaves as long as
     that raises the sum. What is left goes to the cuboid that holds most of its surface, or is nearest.
 
     Raises InputError if a mesh isn't finite, or a leaf gets none; ProgramError if the program
@@ -82,8 +82,8 @@ def align(program: AssemblyProgram, candidates: Sequence[Candidate], meshes: Map
     for name in names:
         if name not in taken:
             leftovers[_holder(cage, meshes[name])].append(name)
-    for part_id, own, more in zip(cage.part_ids, objs, leftovers):
-        if not own and not more:
+    for part_id, matched, more in zip(cage.part_ids, objs, leftovers):
+        if not matched and not more:
             raise InputError(
                 f"leaf {part_id} of its program has no mesh: no part that is free lies where its cuboid does, "
                 "and none of the meshes left over is nearest to it; is it another shape's program?"
@@ -93,11 +93,11 @@ def align(program: AssemblyProgram, candidates: Sequence[Candidate], meshes: Map
             part_id,
             candidates[c].node_id if c >= 0 else "",
             candidates[c].label if c >= 0 else "",
-            tuple(own),
+            tuple(matched),
             tuple(more),
             float(iou[i, c]) if c >= 0 else 0.0,
         )
-        for i, (part_id, c, own, more) in enumerate(zip(cage.part_ids, chosen, objs, leftovers))
+        for i, (part_id, c, matched, more) in enumerate(zip(cage.part_ids, chosen, objs, leftovers))
     )
     return Alignment(parts, placement)
 
@@ -133,13 +133,13 @@ class Boxes:
         return shared / (np.prod(2 * half, axis=-1) + np.prod(high - low, axis=-1) - shared)
 
     def overlap(self) -> Float[ndarray, "p c"]:
-        """What leaves are matched by: the mean over both paddings; 0 where it is less than LEAST."""
+        """The measure of a match: mean IoU over both paddings; 0 where it is less than LEAST."""
         mean = (self.iou(PADDING) + self.iou(WIDE)) / 2
         return np.where(mean >= LEAST, mean, 0.0)
 
 
 def choose(overlap: Float[ndarray, "p c"], owned: Bool[ndarray, "c m"]) -> list[int]:
-    """For each leaf a candidate, or −1, so that no mesh is taken twice and the overlaps' sum is largest.
+    """The candidate of each leaf, or −1: no mesh is taken twice, and the overlaps' sum is largest.
 
     Candidates of a tree share meshes only if one is above the other. The best assignment that
     ignores this is tried first; where it takes two such candidates, either the upper one is ruled
@@ -157,13 +157,13 @@ def choose(overlap: Float[ndarray, "p c"], owned: Bool[ndarray, "c m"]) -> list[
         if not clashes:
             return chosen
         upper = max(clashes, key=lambda c: int(owned[c].sum()))
-        ways = (allowed & (np.arange(len(owned)) != upper), allowed & ~conflict[upper])
+        branches = (allowed & (np.arange(len(owned)) != upper), allowed & ~conflict[upper])
         if tried >= TRIED:
             waiting = []
-        for way in ways:
+        for branch in branches:
             # No assignment under it can be better: those that respect more conflicts come later.
-            bound = sum(overlap[i, c] for i, c in enumerate(_assigned(overlap, way)) if c >= 0)
-            heapq.heappush(waiting, (-bound, next(order), way))
+            bound = sum(overlap[i, c] for i, c in enumerate(_assigned(overlap, branch)) if c >= 0)
+            heapq.heappush(waiting, (-bound, next(order), branch))
 
 
 def _assigned(overlap: Float[ndarray, "p c"], allowed: Bool[ndarray, " c"]) -> list[int]:
@@ -178,7 +178,7 @@ def _assigned(overlap: Float[ndarray, "p c"], allowed: Bool[ndarray, " c"]) -> l
 def _settled(
     cage: Cage, centre: Float[ndarray, " 3"], meshes: Sequence[Mesh], owned: Bool[ndarray, "c m"]
 ) -> tuple[Cage, Similarity, list[int]]:
-    """The cage in the raw frame, how it got there, and what is matched there."""
+    """The cage in the raw frame, its similarity to there, and the candidate of each cuboid."""
     low = np.stack([mesh.vertices.min(axis=0) for mesh in meshes])
     high = np.stack([mesh.vertices.max(axis=0) for mesh in meshes])
     middle = (
@@ -203,8 +203,8 @@ def _settled(
 
 def _distinct(candidates: Sequence[Candidate], names: Sequence[str]) -> list[Candidate]:
     """Candidates with meshes among `names`; of those with the same, the last: in a tree's preorder the deepest."""
-    there = {frozenset(candidate.objs) & frozenset(names): candidate for candidate in candidates}
-    return [candidate for objs, candidate in there.items() if objs]
+    by_meshes = {frozenset(candidate.objs) & frozenset(names): candidate for candidate in candidates}
+    return [candidate for objs, candidate in by_meshes.items() if objs]
 
 
 def _holder(cage: Cage, mesh: Mesh) -> int:

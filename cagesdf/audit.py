@@ -1,4 +1,4 @@
-"""Can a shape's sign be trusted? Looked at from two sides that share nothing with the repair.
+"""Audit of a shape's sign, by two tests that share nothing with the repair.
 
 Rays through the faces as they were read vote on points, whatever the faces' orientation: a line
 from a point out of a solid crosses its surface an odd number of times. And a shape that fills much
@@ -15,11 +15,11 @@ from cagesdf.distance import SurfaceDistance
 from cagesdf.meshes import Mesh, box_volume, face_components, signed_volume, weld
 from cagesdf.shape import Audit, Shape
 
-POINTS = 512  # in the boxes of a shape's parts, as many in each
+POINTS = 512  # in all boxes of a shape's parts, equally many in each
 LEAST = 8  # in a part's box, however many parts there are
 LINES = 5  # through each point: two rays each
 AGREED = 0.75  # of the rays: with fewer on either side, a point isn't clear
-NEAR = 2e-3  # canonical units: points nearer to the surface aren't asked; plates and caps lie there
+NEAR = 2e-3  # canonical units: points nearer to the surface aren't used; plates and caps lie there
 MAX_PAIRS = 20_000_000  # of a face and a point that lie in one strip, a line; with more there is no audit
 BATCH = 1_000_000  # of them, at a time
 DIFFERING = 0.02  # share of the clear points: a shape with more is to be looked at
@@ -53,7 +53,7 @@ def _spread(count: int) -> Float[ndarray, "n 3"]:
 
 
 def _part_vote(mesh: Mesh, points: Float[ndarray, "n 3"], tolerance: float) -> Int[ndarray, " n"]:
-    """`vote` of the welded mesh, asked only for points in its box."""
+    """`vote` of the welded mesh, evaluated only for points in its box."""
     votes = np.full(len(points), -1)
     boxed = ((points >= mesh.vertices.min(0)) & (points <= mesh.vertices.max(0))).all(1)
     if boxed.any():
@@ -102,7 +102,7 @@ def _crossings(
     counts = np.searchsorted(places[:, 0], corners[:, :, 0].max(1)) - first
     if counts.sum() > MAX_PAIRS:
         return None
-    found = []
+    batches = []
     for faces in np.split(
         np.arange(len(counts)), np.searchsorted(counts.cumsum(), np.arange(BATCH, counts.sum(), BATCH))
     ):
@@ -114,13 +114,13 @@ def _crossings(
         areas = np.roll(x, -1, axis=0) * np.roll(y, 1, axis=0) - np.roll(x, 1, axis=0) * np.roll(y, -1, axis=0)
         hit = (areas > 0).all(0) | (areas < 0).all(0)
         ahead = (areas[:, hit] * z[:, hit]).sum(0) * np.sign(areas[0, hit]) > 0
-        found.append((face[hit], order[point[hit]], ahead.astype(np.int64)))
-    face, point, ahead = (np.concatenate(item) for item in zip(*found))
+        batches.append((face[hit], order[point[hit]], ahead.astype(np.int64)))
+    face, point, ahead = (np.concatenate(item) for item in zip(*batches))
     return face, point, ahead
 
 
 def with_outliers(shapes: list[Shape]) -> list[Shape]:
-    """The shapes of a category, each told how far it lies from the others in the share of its box that it fills.
+    """The shapes of a category, each with its outlier score: how unusual is the share of its box that it fills.
 
     The robust z-score of the share's logarithm: distance from the median in units of 1.4826 times the
     median distance, the standard deviation of a normal distribution. Zero with fewer than FEWEST shapes.
@@ -134,21 +134,21 @@ def with_outliers(shapes: list[Shape]) -> list[Shape]:
 
 
 def flags(shape: Shape) -> list[str]:
-    """Why a shape should be looked at; usually empty."""
-    found = []
+    """Reasons why a shape should be looked at; usually empty."""
+    result = []
     audited = shape.audit
     if audited.differ > DIFFERING * audited.clear:
-        found.append(f"{audited.differ} of {audited.clear} points are on the other side for rays through its faces")
+        result.append(f"{audited.differ} of {audited.clear} points are on the other side for rays through its faces")
     if abs(audited.outlier) > OUTLYING:
-        found.append(
+        result.append(
             f"it fills {audited.inside:.2%} of its box, {'more' if audited.outlier > 0 else 'less'} than others "
             f"(robust z-score {audited.outlier:.1f})"
         )
-    found += [
+    result += [
         f"part {part.part_id} lost {part.repair.lost:.2%} of its surface"
         for part in shape.parts
         if part.repair.lost > LOST
     ]
     if plates := sum(part.repair.plates for part in shape.parts):
-        found.append(f"{plates} sheet{'s' if plates > 1 else ''} got a thickness")
-    return found
+        result.append(f"{plates} sheet{'s' if plates > 1 else ''} got a thickness")
+    return result

@@ -1,4 +1,4 @@
-"""How much of a surface a solid leaves out: the check that no step of the repair loses a sheet in silence.
+"""Area of a surface that a solid leaves out: the check that no step of the repair loses a sheet in silence.
 
 A point of a surface is lost if it lies outside the solid, farther than a given reach from it. Surface inside the
 solid isn't: the union of overlapping pieces removes it, and it is no border between inside and outside.
@@ -14,7 +14,7 @@ from cagesdf.meshes import Mesh, face_areas
 REACH = 0.002  # canonical units: a point of a part's surface farther from its solid is lost
 FINE = 2e-4  # share of the area: a cell no wider than this one's square root is judged by its centre
 NEEDLE = 1e-8  # share of the area: so is a cell that is smaller
-MAX_CELLS = 500_000  # whose distances are asked; beyond, cells are judged by their centres however large they are
+MAX_CELLS = 500_000  # whose distances are computed; beyond, cells of any size are judged by their centres
 
 
 def lost_areas(mesh: Mesh, solid: Mesh, reach: float) -> Float[ndarray, " f"]:

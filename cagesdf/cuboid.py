@@ -98,7 +98,7 @@ class Cage:
         return {part_id: self[part_id] for part_id in self.part_ids}
 
     def vectors(self) -> Float[ndarray, "p 15"]:
-        """What the network is given (§3.1): centre (3), axes by rows (9), full lengths (3)."""
+        """The network's input (§3.1): centre (3), axes by rows (9), full lengths (3)."""
         return np.concatenate([self.centre, self.axes.reshape(-1, 9), self.size], axis=1)
 
     def corners(self) -> Float[ndarray, "p 8 3"]:
@@ -137,16 +137,16 @@ class Cage:
 
     def holder(self, points: Float[ndarray, "n 3"], depth: float) -> Int[ndarray, " n"]:
         """The first cuboid that holds each point deeper than `depth`, canonical units; −1 where none does."""
-        found = np.full(len(points), -1)
+        owner = np.full(len(points), -1)
         left = np.arange(len(points))
         for k in range(len(self)):
             held = (np.abs(self.to_local(points[left], k)) < self.size[k] / 2 - depth).all(axis=1)
-            found[left[held]] = k
+            owner[left[held]] = k
             left = left[~held]
-        return found
+        return owner
 
     def _blocks(self, points: Float[ndarray, "n 3"]) -> Iterator[tuple[slice, Float[ndarray, "p k"]]]:
-        """Signed distances to all cuboids, for rows of points in turn: what is at work stays in the cache."""
+        """Signed distances to all cuboids, for rows of points in turn, few enough for the processor's cache."""
         half = self.size[:, :, None] / 2
         for start in range(0, len(points), BLOCK):
             rows = slice(start, min(start + BLOCK, len(points)))

@@ -16,14 +16,14 @@ from cagesdf.meshes import Mesh
 MORTON_BITS = 10
 SLIVER = 1e-8  # faces lower than this, in mesh units
 ON = 1e-9  # a point nearer to an edge or a vertex lies on it, mesh units
-DOUBT = 1e-3  # cosine to an edge's or a vertex's normal up to which it doesn't tell the side
+DOUBT = 1e-3  # cosine to an edge's or a vertex's normal below which the normal doesn't decide the side
 
 
 class SurfaceDistance:
-    """Distances to one mesh: two trees, built when first asked."""
+    """Distances to one mesh: two trees, built when first needed."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """`mesh` is closed and outward where `inside` or `signed` are asked; any frame."""
+        """`mesh` is in any frame; `inside` and `signed` need it closed and outward."""
         if len(mesh.faces) == 0:
             raise ValueError("can't measure the distance to a mesh without faces")
         self._vertices = np.ascontiguousarray(mesh.vertices, np.float64)
@@ -74,11 +74,11 @@ class SurfaceDistance:
         faces: Int[ndarray, " n"],
         nearest: Float[ndarray, "n 3"],
     ) -> Bool[ndarray, " n"]:
-        """Whether points lie inside, by what `closest` found for them.
+        """Whether points lie inside, given their results of `closest`.
 
         Where the nearest point lies within a face, the face's normal tells the side; on an edge or a
         vertex, the angle-weighted normals of its faces do (Bærentzen and Aanæs 2005). Winding numbers,
-        ten times slower close to the surface, are asked only where slivers or sharp edges leave doubt.
+        ten times slower close to the surface, are computed only where slivers or sharp edges leave doubt.
         """
         away = points - nearest
         along = np.einsum("nx,nx->n", away, self._normals[faces])

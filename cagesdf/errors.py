@@ -35,7 +35,7 @@ class ProgramError(InputError):
 
     def __init__(self, source: str, line: int, text: str, wanted: str) -> None:
         super().__init__(source, line, text, wanted)
-        self.source = source  # file name, or what else it came from
+        self.source = source  # file name or other origin
         self.line = line  # from 1; 0 where it is no single line
         self.text = text  # of the line
         self.wanted = wanted

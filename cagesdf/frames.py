@@ -20,7 +20,7 @@ from numpy import ndarray
 from cagesdf.errors import InputError
 
 OUTSIDE = 0.1  # the value that the paper gives to grid points outside every cuboid (§3.6)
-BEYOND = 0.05  # points of a part lie so far beyond its cuboid at most, in the cuboid's lengths
+BEYOND = 0.05  # largest distance of a part's points beyond its cuboid, in the cuboid's lengths
 LEAST_UNIT = 0.02  # canonical units: where distances are scaled by a cuboid's smallest length, it counts as no thinner
 HALF_EXTENT = 1.05  # grids span [-HALF_EXTENT, HALF_EXTENT]³: the unit sphere and a margin
 

@@ -42,18 +42,18 @@ class Code:
     """A latent code that was drawn."""
 
     latent: Float32[ndarray, " d"]
-    effective: float  # number of kernels that it could be from
+    effective: float  # number of kernels that it may come from
 
 
 class CodeSource(ABC):
-    """Where the codes of new shapes come from; see `code_source`."""
+    """A source of codes for new shapes; see `code_source`."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
         """A code for a cage. `temperature` scales how far codes are from the training codes, or from their mean."""
 
     def about(self) -> dict[str, Any]:
-        """What is to be known of it, for JSON."""
+        """Facts about the source, for JSON."""
         return {}
 
 
@@ -64,7 +64,7 @@ class Independent(CodeSource):
     kde: LatentKde
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
-        """As for any source; the cage plays no part."""
+        """See `CodeSource.draw`; the cage plays no part."""
         return _drawn(self.kde, self.kde.uniform(1), rng, temperature)
 
 
@@ -79,17 +79,17 @@ class Dependent(CodeSource):
 
     @staticmethod
     def fit(kde: LatentKde, cages: Sequence[Cage], tau: float | None) -> "Dependent":
-        """`tau` None: that under which the training codes are likeliest, each given the other shapes."""
+        """A density with `tau`, or if it is None with that under which the training codes are likeliest."""
         apart = cage_distances(cages, cages)
         chosen = kde.likeliest_tau(apart) if tau is None else tau
         return Dependent(kde, cages, chosen, float(np.median(effective_number(similarity_weights(apart, 1.0)))))
 
     def weights(self, cage: Cage) -> np.ndarray:
-        """Of the kernels, for one cage: a row."""
+        """The kernels' weights for one cage, as one row."""
         return similarity_weights(cage_distances([cage], self.cages), self.tau)
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
-        """As for any source."""
+        """See `CodeSource.draw`."""
         return _drawn(self.kde, self.weights(cage), rng, temperature)
 
     def about(self) -> dict[str, Any]:
@@ -99,12 +99,12 @@ class Dependent(CodeSource):
 
 @dataclass(frozen=True, eq=False)
 class Isotropic(CodeSource):
-    """DeepSDF's: one Gaussian fitted to all codes."""
+    """DeepSDF's density: one Gaussian fitted to all codes."""
 
     gaussian: IsotropicGaussian
 
     def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
-        """As for any source; there is no cage."""
+        """See `CodeSource.draw`; there is no cage."""
         return Code(self.gaussian.sample(rng, 1, temperature)[0].astype(np.float32), 1.0)
 
 
@@ -119,7 +119,7 @@ def has_cuboids(run: Run) -> bool:
 
 
 def methods_of(run: Run) -> tuple[str, ...]:
-    """The ways to draw codes for an arm: Table 3's."""
+    """The methods of drawing codes for an arm, as in Table 3."""
     return ("independent", "dependent") if has_cuboids(run) else ("isotropic",)
 
 
@@ -175,7 +175,7 @@ def of_program(program: AssemblyProgram, run: Run) -> Generated:
 
 @dataclass(frozen=True)
 class Extracting:
-    """How surfaces are taken out of the network, and what is asked of their cages."""
+    """Settings of the extraction of new surfaces, and the test of stability for their cages."""
 
     resolution: int  # cells along [-HALF_EXTENT, HALF_EXTENT]
     loose: Loose
@@ -203,16 +203,16 @@ def orders(
     rng_of: Callable[[int], np.random.Generator],
     temperature: float,
 ) -> Iterator[Order]:
-    """Shapes of some draws, numbered, by one method: equal numbers have the same random numbers whatever it is."""
+    """Orders for numbered draws by one method; orders with equal numbers share random numbers across methods."""
     for i, (number, generated) in enumerate(drawn):
         code = source.draw(rng_of(i), generated.cage if generated is not None else NO_CAGE, temperature)
         yield Order(method, f"{i:05d}", seed, number, generated, code)
 
 
 def in_order(pool: Executor, make: Callable[[Item], Result], items: Iterable[Item], ahead: int) -> Iterator[Result]:
-    """What a pool makes of each item, in order; at most `ahead` are made, or being made, beyond the one that is taken.
+    """Results of a pool for each item, in order; at most `ahead` are submitted beyond the one that is consumed.
 
-    A pool's own `map` would make all of them, however slowly they are taken.
+    A pool's own `map` would submit all items at once, however slowly the results are consumed.
     """
     waiting: deque[Future[Result]] = deque()
     for item in items:
@@ -229,8 +229,8 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
     Raises InputError if the network gives values that are not finite.
     """
     cage = order.generated.cage if order.generated is not None else NO_CAGE
-    found, status = _surface(run, how, order.code, cage)
-    mesh = found.mesh
+    surface, status = _surface(run, how, order.code, cage)
+    mesh = surface.mesh
     points = sample_surface(mesh, how.points, rng)[0] if len(mesh.faces) else np.zeros((0, 3))
     standing_on = order.generated is not None and rooted(cage)
     return GeneratedShape(
@@ -245,13 +245,13 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         order.code.effective,
         status,
         mesh,
-        found.components,
-        found.clipped,
-        found.asked,
+        surface.components,
+        surface.clipped,
+        surface.asked,
         standing_on,
         standing_on and how.stable(cage),
         points.astype(np.float32),
-        found.parts,
+        surface.parts,
     )
 
 
@@ -259,27 +259,27 @@ def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extract
     latent = torch.from_numpy(code.latent).to(run.latents.values.device)
     field = field_of(run.decoder, latent, cage)
     try:
-        found = extract(field, how.resolution, loose=how.loose)
+        surface = extract(field, how.resolution, loose=how.loose)
     except InputError:  # the network's fault, not the shape's
         raise
     except ValueError as error:
         return Extraction.nothing(), f"{BROKEN}: {error}"
-    return found, OK if len(found.mesh.faces) else EMPTY
+    return surface, OK if len(surface.mesh.faces) else EMPTY
 
 
 def counts(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
-    """How many rows of an index are what: `shapes` (all), `ok`, `empty`, `broken`, `one_piece`.
+    """Counts of an index's rows: `shapes` (all), `ok`, `empty`, `broken`, `one_piece`.
 
-    Of an arm with cuboids also `rooted`, `stable`, and `floating`: cuboids in mid-air that were left out.
+    For an arm with cuboids also `rooted`, `stable`, and `floating`: cuboids in mid-air that were left out.
     """
-    found = dict.fromkeys(("shapes", OK, EMPTY, BROKEN, "one_piece"), 0)
+    result = dict.fromkeys(("shapes", OK, EMPTY, BROKEN, "one_piece"), 0)
     checks = dict.fromkeys(("rooted", "stable", "floating"), 0)
     cuboids = False
     for row in rows:
-        found["shapes"] += 1
-        found[row["status"].partition(":")[0]] += 1
-        found["one_piece"] += row["components"] == 1
+        result["shapes"] += 1
+        result[row["status"].partition(":")[0]] += 1
+        result["one_piece"] += row["components"] == 1
         cuboids |= bool(row["part_ids"])
         for name in checks:
             checks[name] += row[name]
-    return found | checks if cuboids else found
+    return result | checks if cuboids else result

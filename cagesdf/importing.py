@@ -1,4 +1,4 @@
-"""From a shape as its files give it to closed parts in the canonical frame."""
+"""Import of shapes: closed parts in the canonical frame, from a shape as its files give it."""
 
 from collections import Counter
 from dataclasses import replace
@@ -23,7 +23,7 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 STAGE = "import_shapes"
 BATCH = 1_000_000  # points whose distances are asked for together
-LEAST_LOST = 5e-5  # share of a part's surface that `verdict` mentions: what rounds to 0.01 %
+LEAST_LOST = 5e-5  # share of a part's surface that `verdict` mentions: it rounds to 0.01 %
 SHOWN = 20  # shapes to look at, and rejected ones, that the summary lists
 
 
@@ -48,13 +48,13 @@ def import_shape(
     if not finds:
         return _shape(raw, similarity, meshes, _given(raw, meshes, weld, min_thickness), weld)
     if raw.written is not None or parts == "found":
-        origin, found = _found(raw, meshes, similarity, weld, min_thickness)
+        origin, closed = _found(raw, meshes, similarity, weld, min_thickness)
     else:
-        origin, found = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
-    if len(found) > max_parts:
-        reason = f"it has {len(found)} parts, at most {max_parts} wanted; join some of them"
+        origin, closed = _chosen(raw, meshes, similarity, weld, max_parts, min_thickness)
+    if len(closed) > max_parts:
+        reason = f"it has {len(closed)} parts, at most {max_parts} wanted; join some of them"
         raise ShapeRejected(raw.shape_id, STAGE, reason)
-    return _shape(raw, similarity, meshes, found, weld, origin)
+    return _shape(raw, similarity, meshes, closed, weld, origin)
 
 
 def _check(raw: RawShape, max_faces: int, max_parts: int) -> None:
@@ -81,7 +81,7 @@ def _shape(
     origin: Origin = GIVEN,
 ) -> Shape:
     """The shape of closed parts; `meshes` are those as read, canonical."""
-    found = audit(meshes, union([part.mesh for part in parts]), weld)
+    audited = audit(meshes, union([part.mesh for part in parts]), weld)
     if origin.parts == "given":
         structure, alignment = raw.structure.transformed(similarity), raw.alignment
     else:
@@ -89,7 +89,7 @@ def _shape(
         structure, alignment = PartHierarchy.flat(ids, labels, ""), ()
     if structure.is_bare():
         structure = structure.with_relations(relations({part.part_id: part.mesh for part in parts}))
-    return Shape(raw.shape_id, raw.split, parts, structure, similarity, alignment, found, origin)
+    return Shape(raw.shape_id, raw.split, parts, structure, similarity, alignment, audited, origin)
 
 
 def _given(raw: RawShape, meshes: list[Mesh], weld: float, min_thickness: float) -> tuple[Part, ...]:
@@ -122,21 +122,21 @@ def _chosen(
     raw: RawShape, meshes: list[Mesh], similarity: Similarity, weld: float, max_parts: int, min_thickness: float
 ) -> tuple[Origin, tuple[Part, ...]]:
     """The groups of a file if they are parts, else those that are found."""
-    origin, found = _found(raw, meshes, similarity, weld, min_thickness)
+    origin, closed = _found(raw, meshes, similarity, weld, min_thickness)
     if len(meshes) > max_parts:
-        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), found
-    volume = signed_volume(union([part.mesh for part in found]))
+        return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), closed
+    volume = signed_volume(union([part.mesh for part in closed]))
     if reason := doubt(meshes, boxes_volume(meshes) / volume, origin.boxes, weld):
-        return replace(origin, reason=reason), found
+        return replace(origin, reason=reason), closed
     try:
         given = _given(raw, meshes, weld, min_thickness)
     except ShapeRejected as error:
-        return replace(origin, reason=error.reason), found
+        return replace(origin, reason=error.reason), closed
     return Origin("given", f"cuboids bound the {len(given)} groups of its file well"), given
 
 
 def _found_part(found: FoundParts, part: FoundPart, weld: float, min_thickness: float) -> Part:
-    """A found part; its repair is that of the components it is of."""
+    """A found part; its repair sums up those of its components."""
     solid = make_solid(part.mesh, weld, min_thickness)
     owners = [found.components[i] for i in sorted({fragment.component for fragment in part.fragments})]
     repairs = [*(owner.repair for owner in owners), solid]
@@ -183,7 +183,7 @@ def signed_distances(shape: Shape, points: Float[ndarray, "n 3"]) -> Float[ndarr
 
 
 def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
-    """What became of the shapes: how many passed, were repaired and how, were rejected and why."""
+    """Summary of an import: numbers of shapes that passed, were repaired and how, were rejected and why."""
     repaired = sum(shape.status == "repaired" for shape in shapes)
     methods = [part.repair.method for shape in shapes for part in shape.parts]
     counts = ", ".join(f"{methods.count(method)} {method}" for method in METHODS if method in methods)
@@ -201,19 +201,19 @@ def summary(shapes: list[Shape], rejected: list[ShapeRejected]) -> str:
 
 
 def verdict(shape: Shape) -> str:
-    """What became of one shape, in a line: passed, or repaired how, and why it should be looked at."""
+    """The result of one shape in a line: passed, or repaired and how, and why it should be looked at."""
     counts = Counter(part.repair.method for part in shape.parts if part.repair.method != "none")
     repairs = [f"{counts[method]} {method}" for method in METHODS if counts[method]]
-    told = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
+    repaired = f" {', '.join(repairs)} of {len(shape.parts)} parts" if repairs else ""
     origin = shape.origin
     whose = [] if origin == GIVEN else [f"parts {origin.parts}, {len(shape.parts)}: {origin.reason}"]
     lost = max(part.repair.lost for part in shape.parts)
     loss = [f"at most {lost:.2%} of a part's surface lost"] if lost >= LEAST_LOST else []
-    return "; ".join([f"{shape.status}{told}", *whose, *loss, *flags(shape)])
+    return "; ".join([f"{shape.status}{repaired}", *whose, *loss, *flags(shape)])
 
 
 def repair_report(shape: Shape) -> dict[str, Any]:
-    """What was done to the parts of a shape and what is to be looked at, for JSON; volumes in cubic raw units."""
+    """Repairs of a shape's parts and reasons to look at it, for JSON; volumes in cubic raw units."""
     unit = shape.similarity.scale**3
     parts = [
         {"part": part.part_id, "label": part.label, **vars(part.repair), "volume": part.repair.volume / unit}
@@ -224,7 +224,7 @@ def repair_report(shape: Shape) -> dict[str, Any]:
 
 
 def _origin_lines(shapes: list[Shape]) -> list[str]:
-    """Whose parts the shapes have; nothing where all have those of their files."""
+    """Origins of the shapes' parts; empty if all have those of their files."""
     kinds = Counter(shape.origin.parts for shape in shapes)
     if all(shape.origin == GIVEN for shape in shapes):
         return []
@@ -238,14 +238,14 @@ def _first(lines: list[str], table: str) -> list[str]:
 
 
 def _alignment_line(shapes: list[Shape]) -> list[str]:
-    """How well programs fit their parts before they are fitted; nothing without programs."""
-    found = [(part.iou, shape.shape_id, part.part_id) for shape in shapes for part in shape.alignment]
-    if not found:
+    """Quality of the programs' alignment with their parts before fitting; empty without programs."""
+    overlaps = [(part.iou, shape.shape_id, part.part_id) for shape in shapes for part in shape.alignment]
+    if not overlaps:
         return []
     programs = sum(bool(shape.alignment) for shape in shapes)
     leftovers = sum(len(part.leftovers) for shape in shapes for part in shape.alignment)
-    mean, (worst, shape_id, part_id) = np.mean([item[0] for item in found]), min(found)
+    mean, (worst, shape_id, part_id) = np.mean([item[0] for item in overlaps]), min(overlaps)
     return [
-        f"{programs} programs, {len(found)} leaves: mean IoU with their parts {mean:.2f}, "
+        f"{programs} programs, {len(overlaps)} leaves: mean IoU with their parts {mean:.2f}, "
         f"least {worst:.2f} ({shape_id}, {part_id}); {leftovers} meshes given to the leaf they lie in"
     ]

@@ -35,7 +35,7 @@ MEASURED = ("surface_distance", "accuracy", "completeness", "nc_signed", "iou")
 # A shape is far from the training shapes beyond these; docs/fit.md has what they are drawn from.
 FAR_RESIDUAL = 3.0  # times the training shapes' median residual, and beyond the largest of them
 FAR_CODE = 1.75  # times the largest distance of a training code to its nearest one
-FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter than the shortest by as much
+FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter than the shortest divided by it
 
 
 # Shapes are prepared and surfaces measured as params.yaml does; codes are found as was best on half of the default
@@ -53,7 +53,7 @@ INFERENCE: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a shape is prepared, as for training, and how its code is found."""
+    """Settings for preparing a shape, as for training, and for finding its code."""
 
     slack: float  # these four as `fit_cage`'s
     min_size: float
@@ -75,7 +75,7 @@ class Prepared:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What the training shapes are like."""
+    """Statistics of the training shapes that a new shape is judged by."""
 
     residuals: Mapping[str, float]  # by shape id; see `rest_residuals`
     codes: Mapping[str, Float32[ndarray, " d"]]  # by shape id, at rest
@@ -90,7 +90,7 @@ class Known:
         return Known(residuals, codes, np.array([sides(run.sequences[shape_id].cages[0]) for shape_id in codes]))
 
     def spacing(self) -> Float[ndarray, " r"]:
-        """The distance of each code to the nearest other one; nothing where there is one alone."""
+        """The distance of each code to the nearest other one; empty for a single code."""
         codes = np.stack([*self.codes.values()])
         apart = np.linalg.norm(codes[:, None] - codes, axis=2)
         np.fill_diagonal(apart, np.inf)
@@ -100,29 +100,29 @@ class Known:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Where a shape lies among the training shapes. Residuals are mean |sdf error|, in the decoder's unit."""
+    """The place of a shape among the training shapes. Residuals are mean |sdf error|, in the decoder's unit."""
 
     residual: float  # with one code for the whole shape
     median: float  # of the training shapes' residuals
     largest: float  # of them
     nearest: str  # the training shape with the nearest code
     distance: float  # of its code
-    widest: float  # the largest distance of a training code to its nearest one; 0 where there is one alone
+    widest: float  # the largest distance of a training code to its nearest one; 0 for a single code
     sides: tuple[float, float, float]  # of the box around its cage along x, y, z, canonical
     shortest: tuple[float, float, float]  # of these sides of the training shapes
     longest: tuple[float, float, float]
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the shape is far from the training shapes; none if it is not."""
-        found = []
+        """Reasons why the shape is far from the training shapes; none if it is not."""
+        result = []
         if self.residual > max(FAR_RESIDUAL * self.median, self.largest):
-            found.append(
+            result.append(
                 f"no code explains it: its residual is {self.residual / self.median:.1f} times the training shapes' "
                 f"median, theirs at most {self.largest / self.median:.1f} times"
             )
         if self.widest and self.distance > FAR_CODE * self.widest:
-            found.append(
+            result.append(
                 f"its code lies {self.distance:.2f} from the nearest one ({self.nearest}), "
                 f"training codes at most {self.widest:.2f}"
             )
@@ -132,8 +132,8 @@ class Verdict:
             if not low / FAR_SIDES <= side <= high * FAR_SIDES
         ]
         if beyond:
-            found.append(f"in a sphere of radius 1, y up, it measures {', '.join(beyond)}")
-        return tuple(found)
+            result.append(f"in a sphere of radius 1, y up, it measures {', '.join(beyond)}")
+        return tuple(result)
 
     @property
     def far(self) -> bool:
@@ -146,7 +146,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A shape that was not trained on, as the network has it."""
+    """A shape that was not trained on, as the network represents it."""
 
     prepared: Prepared
     inferred: Inferred
@@ -203,17 +203,17 @@ def fit_code(run: Run, known: Known, prepared: Prepared, settings: InferenceSett
 
 
 def sides(cage: Cage) -> Float[ndarray, " 3"]:
-    """Of the box around a cage along the canonical axes."""
+    """Sides of the box around a cage along the canonical axes, canonical units."""
     return np.ptp(cage.corners().reshape(-1, 3), axis=0)
 
 
 def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
-    """Where a shape of this cage and code lies among the training shapes."""
+    """The verdict on a shape with this cage and code."""
     code = inferred.code.cpu().numpy()
-    distances = {shape_id: float(np.linalg.norm(own - code)) for shape_id, own in known.codes.items()}
+    distances = {shape_id: float(np.linalg.norm(other - code)) for shape_id, other in known.codes.items()}
     nearest = min(distances, key=lambda shape_id: distances[shape_id])
     residuals = [*known.residuals.values()]
-    own, low, high = (tuple(row.tolist()) for row in (sides(cage), known.sides.min(axis=0), known.sides.max(axis=0)))
+    box, low, high = (tuple(row.tolist()) for row in (sides(cage), known.sides.min(axis=0), known.sides.max(axis=0)))
     return Verdict(
         inferred.code_error,
         float(np.median(residuals)),
@@ -221,35 +221,35 @@ def judge(known: Known, cage: Cage, inferred: Inferred) -> Verdict:
         nearest,
         distances[nearest],
         float(max(known.spacing(), default=0.0)),
-        own,
+        box,
         low,
         high,
     )
 
 
 def fitted_field(run: Run, fit: Fit) -> CageField:
-    """What the network says of a fitted shape: each part has its code with its residual."""
+    """The network's field for a fitted shape: each part has its code plus its residual."""
     cage = fit.prepared.fitted.cage
     return CageField(run.decoder, part_codes(run.decoder, fit.inferred.code, cage) + fit.inferred.residual, cage)
 
 
 def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
     """The surface of a fitted shape, canonical; see `extract`. Raises InputError if the network gives none."""
-    found = extract(fitted_field(run, fit), resolution)
-    if len(found.mesh.faces) == 0:
+    surface = extract(fitted_field(run, fit), resolution)
+    if len(surface.mesh.faces) == 0:
         raise InputError(f"{fit.prepared.shape.shape_id}: the network gives no surface at all for it; {fit.verdict}")
-    return found
+    return surface
 
 
 def measure(fit: Fit, mesh: Mesh, points: int, detail: float, rng: np.random.Generator) -> dict[str, float]:
-    """How far a fitted surface is from the shape's own: MEASURED of `score`, in whose units."""
+    """Distance of a fitted surface from the shape's own: the figures MEASURED of `score`, in its units."""
     truth = Truth(fit.prepared.surface, fit.prepared.fitted.cage, detail)
     figures = score(Measured(mesh), truth, truth.drawn(points, rng), rng)
     return {name: figures[name] for name in MEASURED}
 
 
-def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
-    """What became of a shape, for JSON. Residuals are in the decoder's unit, as the training shapes' are."""
+def report(fit: Fit, surface: Extraction, measured: Mapping[str, float]) -> dict[str, Any]:
+    """The result for a shape, for JSON. Residuals are in the decoder's unit, as the training shapes' are."""
     shape, verdict, inferred = fit.prepared.shape, fit.verdict, fit.inferred
     return {
         "shape_id": shape.shape_id,
@@ -270,10 +270,10 @@ def report(fit: Fit, found: Extraction, measured: Mapping[str, float]) -> dict[s
         "residual": round(inferred.error, 6),
         "residual_over_training": round(verdict.residual / verdict.median, 3),
         **{name: round(value, 4) for name, value in measured.items()},
-        "evaluations": found.asked,
-        "vertices": len(found.mesh.vertices),
-        "faces": len(found.mesh.faces),
-        "components": found.components,
-        "clipped": round(found.clipped, 6),
-        "overshoot": found.overshoot,
+        "evaluations": surface.asked,
+        "vertices": len(surface.mesh.vertices),
+        "faces": len(surface.mesh.faces),
+        "components": surface.components,
+        "clipped": round(surface.clipped, 6),
+        "overshoot": surface.overshoot,
     }

@@ -1,4 +1,4 @@
-"""Who is deformed towards whom: structurally compatible shapes and their corresponding parts (§3.3).
+"""Targets of deformation: structurally compatible shapes and their corresponding parts (§3.3).
 
 Structures are compatible if their signatures are equal. Where parts have no labels, as in plain
 folders of part meshes, a signature says little more than how many there are; then it must also be
@@ -22,7 +22,7 @@ OTHER_CONTACTS = 100.0  # added to the squared distance between parts that touch
 
 @dataclass(frozen=True)
 class Match:
-    """What one shape is deformed towards: another shape's cage, or its own, scaled."""
+    """The target of one shape's deformation: another shape's cage, or its own, scaled."""
 
     shape_id: str  # the source
     target_id: str | None  # structurally equal shape; None: the source's own cage, scaled
@@ -138,7 +138,7 @@ def _node_centres(structure: Structure, cage: Cage) -> dict[str, Float[ndarray, 
 
 
 def _contact_classes(structure: Structure, cage: Cage) -> dict[str, str]:
-    """A text for each part that others share if they touch alike; empty if every part has a label.
+    """A class for each part, shared by parts with equal contacts; empty if every part has a label.
 
     Each part is named by its signature and how many it touches, then twice more by its own name and those
     of the parts it touches (Weisfeiler and Lehman's colours).
@@ -155,14 +155,14 @@ def _contact_classes(structure: Structure, cage: Cage) -> dict[str, str]:
 
 
 def touching(cage: Cage) -> Bool[ndarray, "p p"]:
-    """Which cuboids are at most CONTACT apart along every separating axis; none touches itself."""
+    """Whether each two cuboids are at most CONTACT apart along every separating axis; none touches itself."""
     return (gaps(cage) <= CONTACT) & ~np.eye(len(cage), dtype=bool)
 
 
 def gaps(cage: Cage) -> Float[ndarray, "p p"]:
-    """How far apart two cuboids are along the separating axis that parts them most, canonical units.
+    """Gaps between each two cuboids along the axis that separates them most, canonical units.
 
-    No more than their distance; negative where they overlap, 0 for a cuboid and itself.
+    At most their distance; negative where they overlap, 0 for a cuboid and itself.
     """
     a, b = np.triu_indices(len(cage), 1)
     crosses = np.cross(cage.axes[a][:, :, None], cage.axes[b][:, None]).reshape(-1, 9, 3)

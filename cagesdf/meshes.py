@@ -1,4 +1,4 @@
-"""Triangle meshes: the record, and what can be said of one without its neighbours."""
+"""Triangle meshes: the record, and functions of single meshes."""
 
 from dataclasses import dataclass
 
@@ -133,7 +133,7 @@ def face_components(mesh: Mesh) -> Int[ndarray, " f"]:
 
 
 def edge_keys(mesh: Mesh) -> tuple[Int[ndarray, " m"], Int[ndarray, " n"]]:
-    """Each directed edge as one number that it shares with its opposite, sorted: those that go up in index, and down.
+    """Directed edges as numbers that opposites share, each sorted: edges that go up in index, and down.
 
     An edge from a vertex to itself counts both ways.
     """

@@ -1,4 +1,4 @@
-"""What only pymeshlab can do, in a process of its own: some meshes keep it busy for hours, or crash it.
+"""Pymeshlab's filters in a process of their own: some meshes keep it busy for hours, or crash it.
 
     python -m cagesdf.meshlab SECONDS alpha_wrap ALPHA OFFSET
     python -m cagesdf.meshlab SECONDS self_union
@@ -48,7 +48,7 @@ def self_union(
 def _run(
     seconds: int, work: list[str], vertices: Float[ndarray, "v 3"], faces: Int[ndarray, "f 3"]
 ) -> tuple[Float[ndarray, "w 3"], Int[ndarray, "g 3"]]:
-    """What the process makes of a mesh.
+    """The mesh that the process makes of another one.
 
     It is killed after `seconds` of CPU time: time on the clock would make results depend on what
     else runs. Raises NotSolidError if it was killed, crashed or failed, InputError with the line
@@ -63,15 +63,15 @@ def _run(
         )
     except subprocess.TimeoutExpired as error:
         raise NotSolidError(f"its {work[0]} took more than {PATIENCE * seconds} s; simplify it") from error
-    said = done.stderr.decode(errors="replace").strip()[-200:]
+    message = done.stderr.decode(errors="replace").strip()[-200:]
     if done.returncode == MISSING:
-        raise InputError(f"{INSTALL} ({said})")
+        raise InputError(f"{INSTALL} ({message})")
     if done.returncode < 0:
         name = signal.Signals(-done.returncode).name
         limit = f" after {seconds} s" if name in ("SIGXCPU", "SIGKILL") else ""
         raise NotSolidError(f"its {work[0]} was ended{limit} ({name}); simplify or repair it")
     if done.returncode:
-        raise NotSolidError(f"its {work[0]} failed ({said}); export it again")
+        raise NotSolidError(f"its {work[0]} failed ({message}); export it again")
     return _unpacked(done.stdout)
 
 
@@ -87,7 +87,7 @@ def _unpacked(content: bytes) -> tuple[Float[ndarray, "v 3"], Int[ndarray, "f 3"
 
 
 def _work(seconds: int, name: str, lengths: list[float]) -> None:
-    """What the process does."""
+    """Body of the process: limit its time, read a mesh, apply one filter, write the result."""
     if sys.platform != "win32":
         import resource
 
@@ -111,9 +111,9 @@ def _work(seconds: int, name: str, lengths: list[float]) -> None:
         meshes.generate_alpha_wrap(alpha=alpha, offset=offset)
     else:
         meshes.generate_boolean_union(first_mesh=0, second_mesh=0)
-    found = meshes.current_mesh()
+    mesh = meshes.current_mesh()
     with os.fdopen(answer, "wb") as stream:
-        stream.write(_packed(found.vertex_matrix(), found.face_matrix()))
+        stream.write(_packed(mesh.vertex_matrix(), mesh.face_matrix()))
 
 
 if __name__ == "__main__":

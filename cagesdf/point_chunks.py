@@ -15,7 +15,7 @@ from cagesdf.sampling import sample_points
 
 @dataclass(frozen=True)
 class PointCounts:
-    """How many points are drawn, and how."""
+    """Numbers of points to draw, and their distribution."""
 
     near: int  # these four as `sample_points`'
     uniform: int

@@ -60,7 +60,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What one picture shows: surfaces, and a cage around them or alone."""
+    """The contents of one picture: surfaces, and a cage around them or alone."""
 
     meshes: tuple[Mesh, ...] = ()  # canonical, outwards
     colours: tuple[str, ...] = ()  # one a mesh, #rrggbb
@@ -82,7 +82,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Which square of the camera's plane a picture shows."""
+    """The square of the camera's plane that a picture shows."""
 
     centre: Float[ndarray, " 3"]  # right, up, towards: camera axes, canonical units
     half: float  # half the square's side, canonical units

@@ -13,7 +13,7 @@ from cagesdf.frames import HALF_EXTENT
 COARSEST = 8  # cells along the cube before any is split
 SPLIT_COST = 64  # expected candidates of a cell from which on it is split; measured, and flat from 32 to 64
 TOP_UP_ROUNDS = 10  # each twice the last
-HOPELESS = 6  # rounds after which a part that has found no place of its own gives up
+HOPELESS = 6  # rounds without a point of a part's own, after which it gets no more
 CANDIDATES = 2**18  # drawn at once at most: bounds the memory
 MARGIN = 64  # candidates drawn beyond those expected to do
 HALF_DIAGONAL = 0.5 * 3**0.5  # of a cell over its width
@@ -70,20 +70,20 @@ def sample_near(
     Points are representable in float32. The weight is that of Davies et al. 2021; here by rejection,
     exactly and without repeats. Distance is 1-Lipschitz, so no weight in a cell of an octree exceeds
     that of its centre's distance less its half diagonal: candidates are drawn in cells in proportion to
-    volume × bound. Nor does a candidate's weight exceed that of its centre's distance less its own way
-    from the centre, so that many are dropped before their distance is asked.
+    volume × bound. Nor does a candidate's weight exceed that of its centre's distance less its own distance
+    from the centre, so that many are dropped before their distance is computed.
     """
     cells = bound_cells(surface, count, beta)
     share = cells.bound * cells.width**3
     rate = cells.total / share.sum()
-    kept, found, tried = [(np.zeros((0, 3)), np.zeros(0))], 0, 0
-    while (lacking := count - found) > 0:
+    kept, accepted, tried = [(np.zeros((0, 3)), np.zeros(0))], 0, 0
+    while (lacking := count - accepted) > 0:
         drawn = min(int(lacking / rate) + MARGIN, CANDIDATES)
         kept.append(_accepted(surface, cells, rng.multinomial(drawn, share / share.sum()), beta, rng))
-        found, tried = found + len(kept[-1][0]), tried + drawn
-        rate = max(found, 1) / tried
+        accepted, tried = accepted + len(kept[-1][0]), tried + drawn
+        rate = max(accepted, 1) / tried
     # A batch is in the order of its cells: leaving out the last ones would favour the first.
-    chosen = np.sort(rng.choice(found, count, replace=False, shuffle=False))
+    chosen = np.sort(rng.choice(accepted, count, replace=False, shuffle=False))
     return np.concatenate([points for points, _ in kept])[chosen], np.concatenate([sdf for _, sdf in kept])[chosen]
 
 
@@ -101,13 +101,13 @@ class Cells:
 def _accepted(
     surface: SurfaceDistance, cells: Cells, counts: Int[ndarray, " m"], beta: float, rng: np.random.Generator
 ) -> tuple[Float[ndarray, "n 3"], Float[ndarray, " n"]]:
-    """Of `counts` candidates uniform in each cell those that rejection keeps, and their signed distances."""
+    """Points kept by rejection among `counts` uniform candidates in each cell, and their signed distances."""
     cell = np.repeat(np.arange(len(counts)), counts)
     centre = cells.centre[cell]
     points = _rounded(centre + (rng.random(centre.shape) - 0.5) * cells.width[cell, None])
     height = rng.random(len(cell)) * cells.bound[cell]
-    way = np.sqrt(np.square(points - centre).sum(axis=1))
-    hopeful = height < weight_bound(cells.distance[cell], way, beta)
+    radius = np.sqrt(np.square(points - centre).sum(axis=1))
+    hopeful = height < weight_bound(cells.distance[cell], radius, beta)
     points, height = points[hopeful], height[hopeful]
     nearest = surface.closest(points)
     kept = height < np.exp(-beta * nearest[0])
@@ -115,9 +115,9 @@ def _accepted(
     return points, np.where(surface.behind(points, *nearest), -nearest[0], nearest[0])
 
 
-def weight_bound(distance: Float[ndarray, " n"], way: Float[ndarray, " n"], beta: float) -> Float[ndarray, " n"]:
-    """The largest that exp(−beta·|sdf|) can be up to `way` from a point of that unsigned distance."""
-    return np.exp(-beta * np.maximum(distance - way, 0))
+def weight_bound(distance: Float[ndarray, " n"], radius: Float[ndarray, " n"], beta: float) -> Float[ndarray, " n"]:
+    """Upper bound of exp(−beta·|sdf|) within `radius` of a point at `distance`, unsigned: SDFs are 1-Lipschitz."""
+    return np.exp(-beta * np.maximum(distance - radius, 0))
 
 
 def rounded_up(bounds: Float[ndarray, " n"]) -> Float[ndarray, " n"]:
@@ -176,12 +176,12 @@ def _top_up(
             break
         tried = np.repeat(np.arange(len(cage)), np.where(lacking > 0, (lacking + 16) * 2**attempt, 0))
         drawn = uniform_in(cage, tried, rng)
-        own = cage.assign(drawn)[0] == tried
-        drawn, tried = drawn[own], tried[own]
+        accepted = cage.assign(drawn)[0] == tried
+        drawn, tried = drawn[accepted], tried[accepted]
         kept = _rank(tried) < lacking[tried]
         points, parts = np.concatenate([points, drawn[kept]]), np.concatenate([parts, tried[kept]])
-        found = np.bincount(parts, minlength=len(cage))
-        lacking = np.where((found > 0) | (attempt < HOPELESS - 1), missing - found, 0)
+        counts = np.bincount(parts, minlength=len(cage))
+        lacking = np.where((counts > 0) | (attempt < HOPELESS - 1), missing - counts, 0)
     return points, parts
 
 

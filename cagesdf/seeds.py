@@ -1,4 +1,4 @@
-"""Random numbers of single items: the same whatever the order, the number of workers, and what else is drawn."""
+"""Random numbers of single items, independent of the order, the number of workers and other draws."""
 
 import zlib
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def item_rng(seed: int, *ids: str | int) -> np.random.Generator:
-    """A generator for one item, the same whatever the order and the number of workers."""
+    """Random generator of one item, given by `seed` and its names; independent of order and number of workers."""
     return np.random.default_rng([seed, *(zlib.crc32(str(part).encode()) for part in ids)])
 
 

@@ -18,7 +18,7 @@ class RawPart:
 
 @dataclass(frozen=True)
 class AlignedPart:
-    """What `alignment.align` found for one leaf of a shape's program."""
+    """The match that `alignment.align` found for one leaf of a shape's program."""
 
     part_id: str  # the leaf
     node_id: str  # node of the part tree that it was matched to, "" if it was to none
@@ -30,7 +30,7 @@ class AlignedPart:
 
 @dataclass(frozen=True)
 class WrittenPiece:
-    """A piece of a connected component of a shape: what some half-spaces leave of it around a point."""
+    """A piece of a connected component of a shape: its intersection with half-spaces, around a point."""
 
     component: int  # the largest is 0
     planes: tuple[tuple[float, float, float, float], ...]  # unit normal n and offset d: it lies where n·x ≤ d; raw
@@ -48,7 +48,7 @@ class WrittenPart:
 
 @dataclass(frozen=True)
 class WrittenParts:
-    """What a file beside a shape's mesh says about its parts."""
+    """The parts of a shape as a file beside its mesh describes them."""
 
     components: int  # of the shape, so that a mesh that changed is noticed
     parts: tuple[WrittenPart, ...]
@@ -69,7 +69,7 @@ class RawShape:
 
 @dataclass(frozen=True)
 class Origin:
-    """Whose parts a shape has."""
+    """The source of a shape's parts."""
 
     parts: str  # "given" by its files, "found" in its surface, "written" in a file beside it
     reason: str  # why
@@ -82,7 +82,7 @@ GIVEN = Origin("given", "parts as the files have them")
 
 @dataclass(frozen=True)
 class Repair:
-    """What `solid.make_solid` did to one part."""
+    """The repair of one part by `solid.make_solid`."""
 
     method: str  # the step of the chain that made it closed: "none" if it was
     faces_before: int  # as read

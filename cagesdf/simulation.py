@@ -1,6 +1,6 @@
 """Whether a cage stays standing when it is let go and pushed: ShapeAssembly's test of stability, in Bullet.
 
-What hangs together is one rigid body of solid cuboids of one density; bodies pass through each other. Each is let go
+Each connected part is one rigid body of solid cuboids of one density; bodies pass through each other. Each is let go
 where it is, on a plane through the cage's lowest corner, gravity along -y, and is pushed up and turned in the first
 step. It is stable if in the end its centre of mass is as high as it was, up to TOLERANCE of the body's height. Their
 forces are 1000 times a volume and a length, with masses that aren't stated; here they are those of mass 1000 a volume.
@@ -22,7 +22,7 @@ from cagesdf.stability import components, rooted
 STEPS = 10_000  # of 1/240 s
 GRAVITY = 9.8
 TOLERANCE = 0.025  # of the height
-# Of the first step, in masses times the shorter side of the ground that the body covers: upwards, and about x, y, z.
+# Push of the first step, in masses times the shorter side of the ground that the body covers: up, and about x, y, z.
 LIFT, TURNS = 1.0, (0.004, 0.08, 0.004)
 
 
@@ -36,12 +36,12 @@ def stays_standing(cage: Cage) -> bool:
 
 
 def inertia(body: Cage) -> tuple[float, Float[ndarray, " 3"], Float[ndarray, "3 3"]]:
-    """Mass, centre of mass, and the inertia about it of solid cuboids of density 1; where two overlap, both count."""
+    """Mass, centre of mass and inertia tensor about it, of solid cuboids of density 1; overlaps count twice."""
     mass = body.size.prod(axis=1)
     centre = np.average(body.centre, axis=0, weights=mass)
     square = body.size**2
-    own = mass[:, None] / 12 * (square.sum(axis=1, keepdims=True) - square)
-    turned = np.einsum("kia,ki,kib->kab", body.axes, own, body.axes)
+    moments = mass[:, None] / 12 * (square.sum(axis=1, keepdims=True) - square)
+    turned = np.einsum("kia,ki,kib->kab", body.axes, moments, body.axes)
     arm = body.centre - centre
     steiner = mass[:, None, None] * ((arm**2).sum(axis=1)[:, None, None] * np.eye(3) - arm[:, :, None] * arm[:, None])
     return float(mass.sum()), centre, (turned + steiner).sum(axis=0)
@@ -53,7 +53,7 @@ def _of(cage: Cage, chosen: ndarray) -> Cage:
 
 
 def _body_stays(body: Cage) -> bool:
-    """Of one rigid body above the plane y = 0."""
+    """Whether one rigid body above the plane y = 0 stays standing."""
     bullet = _bullet()
     mass, centre, tensor = inertia(body)
     moments, principal = np.linalg.eigh(tensor)

@@ -11,9 +11,9 @@ The chain of `make_solid`, cheapest step first; a part's method is the last step
     wrapped     sheets that nothing closes, and faces that the other steps left out, given a thin surface around them
     untangled   a surface that runs into itself replaced by its outside
 
-What could take a step for ever is bounded: a part with too many pieces is wrapped as a whole, a
-piece with too many open edges isn't capped, and the last two, in a process of their own, are given
-a number of faces and a time. Only they need pymeshlab.
+Steps that could take for ever are bounded: a part with too many pieces is wrapped as a whole, a
+piece with too many open edges isn't capped, and the last two steps, in a process of their own, have
+a limit of faces and of time. Only they need pymeshlab.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ JITTER = 1e-9  # of a mesh's extent: enough for vertices that lie on an edge not
 CUT_OFF = 1e-8  # share of its volume that a mesh may lose as it is read
 SPECK = 1e-3  # sheets and flaps that make up less than this share of a part's area are dropped
 PASSES = 3  # at giving plates to faces that were left out
-NEAR = 1e-3  # canonical units: a face that lies in the solid, or outside by no more, is represented by it
+NEAR = 1e-3  # canonical units: a face in the solid, or at most this far outside, is represented by it
 ALPHA = 0.02  # canonical units: the wrap enters openings that are wider
 OFFSET = 0.002  # canonical units: from a sheet to its wrap
 TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
@@ -62,24 +62,24 @@ TIGHT = 0.0005  # canonical units: the same when the wrap has been drawn tight
 SHEET = 0.012
 FLAT = 2e-5  # canonical units: a region is flat if its vertices lie within so much along its normal
 CREASE = 30.0  # degrees; sharper edges end a smooth region
-SLIVER = 1e-12  # squared canonical units: a face with less area is none
+SLIVER = 1e-12  # squared canonical units: a face with less area is degenerate
 MAX_PRISMS = 500  # of a part; one with more smooth regions is wrapped as a whole
 MAX_PIECES = 5000  # of a part, each closed for itself
 MAX_OPEN_EDGES = 20_000  # of a piece, whose holes are filled
 MAX_FACES = 200_000  # that are wrapped, or untangled
 SECONDS = 120  # of CPU time for either; 2,000 loose faces all over the sphere take a sixth of it to wrap
-PROBES = 256  # faces of a solid below which is looked for another part of it
+PROBES = 256  # faces probed (just inside) for self-overlap
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
     """A part made closed, and what that took."""
 
-    mesh: Mesh  # closed, outward, in the frame of what it was made from
+    mesh: Mesh  # closed, outward, in the frame of the original mesh
     method: str  # the last of METHODS that was needed
     dropped: int  # pieces left out: sheets that the rest represents, specks
     plates: int  # sheets that were given a thickness: 2 TIGHT beside something solid, SHEET alone
-    lost: float = 0.0  # share of the area of what it was made from that lies outside, more than REACH from it
+    lost: float = 0.0  # share of the original mesh's area that lies outside, more than REACH from it
 
 
 def as_manifold(mesh: Mesh) -> manifold3d.Manifold:
@@ -241,8 +241,8 @@ def _as_a_whole(mesh: Mesh, welded: Mesh, min_thickness: float) -> Solid | None:
     if np.isclose(face_areas(welded).sum(), face_areas(mesh).sum(), rtol=1e-4):
         candidates.insert(0, ("none", mesh))
     for method, candidate in candidates:
-        if is_closed(candidate) and (found := _outward(candidate, min_thickness)):
-            return Solid(found[0], max(method, found[1], key=METHODS.index), dropped=0, plates=0)
+        if is_closed(candidate) and (outward := _outward(candidate, min_thickness)):
+            return Solid(outward[0], max(method, outward[1], key=METHODS.index), dropped=0, plates=0)
     return None
 
 
@@ -447,7 +447,7 @@ def wrap(mesh: Mesh, away: float = TIGHT) -> Mesh:
 
 
 def _smooth_regions(mesh: Mesh) -> list[Mesh]:
-    """Faces that edges of exactly two faces, no sharper than CREASE, hold together; those of a region turned alike."""
+    """Regions of faces connected by edges of exactly two faces, at most as sharp as CREASE; each turned alike."""
     faces, _ = igl.bfs_orient(mesh.faces.astype(np.int64))
     oriented = Mesh(mesh.vertices, faces.astype(np.int32))
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
@@ -493,7 +493,7 @@ def _alpha_wrap(mesh: Mesh, away: float) -> Mesh:
 
 
 def _completed(solid: Solid, mesh: Mesh, tolerance: float) -> Solid:
-    """The solid of a mesh, with plates for faces that the steps before left out, and the share of the area still lost.
+    """The solid of a mesh, with plates for faces that earlier steps left out, and the share of the area still lost.
 
     A lid that lies on a flap takes it away; so does the outside of a surface that runs into itself, and
     manifold3d's union of faces that lie exactly on each other, this one too: hence the PASSES.

@@ -2,7 +2,7 @@
 
 Cuboids that are at most NEAR apart are taken for joined, rigidly and for good; those whose lowest corner is
 at most NEAR above the lowest of all stand on the ground. Lengths are shares of the cage's size, the
-diagonal of the box around it. All of this is said of cuboids: the surfaces in them are not asked.
+diagonal of the box around it. Only cuboids count, not the surfaces in them.
 """
 
 import numpy as np
@@ -28,28 +28,28 @@ def rooted(cage: Cage) -> bool:
 def stable(cage: Cage) -> bool:
     """Whether the cage is rooted and nothing of it falls over.
 
-    What hangs together has its centre of mass above the inside of the convex hull of the corners that it
+    A connected part has its centre of mass above the inside of the convex hull of the corners that it
     stands on. Cuboids are solid, all of one density; where two overlap, both have mass.
     """
     component, feet = components(cage), _heights(cage) <= _near(cage)
     volume, corners = cage.size.prod(axis=1), cage.corners()
     for label in set(component):
-        own = component == label
-        middle = np.average(cage.centre[own], axis=0, weights=volume[own])
-        if not _surrounded((corners[own][feet[own]] - middle)[:, [0, 2]]):
+        members = component == label
+        middle = np.average(cage.centre[members], axis=0, weights=volume[members])
+        if not _surrounded((corners[members][feet[members]] - middle)[:, [0, 2]]):
             return False
     return True
 
 
 def joined(cage: Cage) -> Bool[ndarray, "p p"]:
-    """Which cuboids are at most NEAR apart; each is joined to itself."""
+    """Whether each two cuboids are at most NEAR apart; each is joined to itself."""
     return distances(cage, _near(cage)) <= _near(cage)
 
 
 def distances(cage: Cage, limit: float) -> Float[ndarray, "p p"]:
     """The distance between each two cuboids, 0 where they touch or overlap; exact up to `limit`, canonical units.
 
-    Beyond `limit` it is a distance that theirs is no less than. Two convex polyhedra apart are nearest at a
+    Beyond `limit` it is a lower bound of their distance. Two convex polyhedra apart are nearest at a
     corner of one of them, or between two edges.
     """
     result = np.maximum(gaps(cage), 0)
@@ -57,8 +57,8 @@ def distances(cage: Cage, limit: float) -> Float[ndarray, "p p"]:
     if len(a):
         corners = cage.corners()
         to_cuboids = cage.signed_distance(corners.reshape(-1, 3)).reshape(len(cage), 8, len(cage)).min(axis=1)
-        found = np.minimum(to_cuboids[a, b], to_cuboids[b, a])
-        result[a, b] = result[b, a] = np.minimum(found, _between_edges(corners[a], corners[b]))
+        at_corners = np.minimum(to_cuboids[a, b], to_cuboids[b, a])
+        result[a, b] = result[b, a] = np.minimum(at_corners, _between_edges(corners[a], corners[b]))
     return result
 
 
@@ -83,7 +83,7 @@ def _near(cage: Cage) -> float:
 
 
 def _heights(cage: Cage) -> Float[ndarray, "p 8"]:
-    """Of each corner above the lowest one."""
+    """Height of each corner above the lowest one."""
     heights = cage.corners()[:, :, 1]
     return heights - heights.min()
 

@@ -59,7 +59,7 @@ def deform_one(
     params: DeformParams,
     match: Match,
 ) -> tuple[Sequence, Transfer, np.ndarray]:
-    """A sequence, how surfaces follow it, and by step and part the share of vertices outside their own cuboid."""
+    """A sequence, the transfer of surfaces to it, and by step and part the share of vertices outside their cuboid."""
     path: Callable[[float], Cage] = cuboid_path(match, cages)
     if match.shape_id in assemblies and match.target_id is not None:
         path = ProgramPath(assemblies[match.shape_id], assemblies[match.target_id], match.pairs)
@@ -72,7 +72,7 @@ def deform_one(
 
 
 def lost(match: Match, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(match.shape_id, "deform_sequences", reason)
 
 

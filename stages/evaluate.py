@@ -40,7 +40,7 @@ def main(meshes: Path, shapes: Path, sequences: Path, out: Path, params: Evaluat
         todo = [(cages[shape_id], transfers[shape_id], step) for shape_id, step in keys]
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate")
         about = definitions(params.points, params.detail, params.seeds)
-        write_scores(folder, (row for some in rows for row in some), about)
+        write_scores(folder, (row for batch in rows for row in batch), about)
 
 
 def score_surfaces(
@@ -56,15 +56,15 @@ def score_surfaces(
         if (shape_id, step) in folder.rows:
             mesh = folder.read(shape_id, step).mesh
             surfaces[arm] = Measured(mesh) if len(mesh.faces) else None
-    own = Truth.own(shapes.read(shape_id), sequence, step, params.detail, transfer) if step else None
+    own_truth = Truth.own(shapes.read(shape_id), sequence, step, params.detail, transfer) if step else None
     rows = []
     for seed in params.seeds:
         drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))
-        drawn_own = own.drawn(params.points, item_rng(seed, "truth", shape_id, step)) if own else drawn
+        drawn_own = own_truth.drawn(params.points, item_rng(seed, "truth", shape_id, step)) if own_truth else drawn
         for arm, surface in surfaces.items():
             figures = score(surface, truth, drawn, item_rng(seed, "evaluate", shape_id, step))
             own_rng = item_rng(seed, "evaluate", shape_id, step)
-            figures |= own_figures(surface, own, drawn_own, own_rng) if own else as_own(figures)
+            figures |= own_figures(surface, own_truth, drawn_own, own_rng) if own_truth else as_own(figures)
             rows.append({"arm": arm, **key, "seed": seed, **figures})
     return rows
 

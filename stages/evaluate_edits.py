@@ -84,7 +84,7 @@ def try_arms(
 
 
 def surface_of(run: Run, live: LiveSurface, trial: Trial) -> Mesh:
-    """What the arm makes of a trial's cuboids and style."""
+    """The surface that an arm gives for a trial's cuboids and style."""
     try:
         return live.surface(trial_field(run, trial)).mesh
     except ValueError as error:

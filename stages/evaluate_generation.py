@@ -55,7 +55,7 @@ class Task:
 
     @property
     def key(self) -> Key:
-        """Its name."""
+        """Arm, method and draw, which identify the set."""
         return self.arm, self.method, self.draw
 
 
@@ -70,14 +70,16 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
     inputs = {"clouds": clouds, "features": features}
     with artefact.write("generation", out, inputs=inputs, params=params, foreign=manifests) as folder:
         classifier, sets = read_features(features / FILE), read_clouds(clouds)
-        shapes = {arm: read_generated(path) for arm, path in arms.items()}
+        folders = {arm: read_generated(path) for arm, path in arms.items()}
         made = {
-            (arm, method): described(classifier, clouds.name, params, *stacked(own.points(method), classifier.points))
-            for arm, own in shapes.items()
-            for method in own.methods
+            (arm, method): described(
+                classifier, clouds.name, params, *stacked(shapes.points(method), classifier.points)
+            )
+            for arm, shapes in folders.items()
+            for method in shapes.methods
         }
         train, reference = (real(classifier, clouds.name, params, sets[name]) for name in ("train", "reference"))
-        size = min([len(reference[0]) // 2, *(len(own) for own, _ in made.values() if len(own) > 1)])
+        size = min([len(reference[0]) // 2, *(len(shapes) for shapes, _ in made.values() if len(shapes) > 1)])
         draws = drawn(reference[0], size, params.draws, item_rng(params.seed, "draws")) if size > 1 else []
         tasks = list(tasks_of(made, train, reference, draws, params)) if draws else []
         done, rejected = parallel_map(
@@ -91,7 +93,7 @@ def main(generated: Path, clouds: Path, features: Path, out: Path, params: Gener
             row
             for task in tasks
             if task.arm != REAL
-            for row in nearest_rows(task, scored[task.key], shapes[task.arm].ids(task.method), sets["train"])
+            for row in nearest_rows(task, scored[task.key], folders[task.arm].ids(task.method), sets["train"])
         ]
         if draws:
             rows.append(halves(reference[0], item_rng(params.seed, "halves")))
@@ -115,14 +117,14 @@ def described(
 
 
 def _share(values: Bool[ndarray, " n"], worst: float) -> float:
-    """How many are true, as a share; the worst there is where there is none."""
+    """Share of true values; `worst` if there are none."""
     return float(values.mean()) if len(values) else worst
 
 
 def stacked(
     points: Mapping[str, Float[ndarray, "m 3"]], least: int
 ) -> tuple[Float[ndarray, "n p 3"], Bool[ndarray, " n"]]:
-    """Clouds as one array, and which failed: those without points, of which all, `least` or more, are at the origin."""
+    """Clouds as one array, and whether each is empty: an empty one has `least` or more points at the origin."""
     failed = np.array([len(cloud) == 0 for cloud in points.values()], bool)
     count = max([least, *map(len, points.values())])
     clouds = [cloud if len(cloud) else np.zeros((count, 3), np.float32) for cloud in points.values()]
@@ -168,9 +170,9 @@ def row_of(task: Task, figures: dict[str, float]) -> dict[str, Any]:
     return {**key, "failed": _share(task.shapes.failed, 1.0), "recognised": task.recognised, **figures}
 
 
-def nearest_rows(task: Task, found: Scored, ids: Sequence[str], train: Clouds) -> Iterator[dict[str, Any]]:
+def nearest_rows(task: Task, scored: Scored, ids: Sequence[str], train: Clouds) -> Iterator[dict[str, Any]]:
     """One row a generated shape; `ids` are theirs."""
-    for shape_id, row, distance, failed in zip(ids, found.nearest, found.distance, task.shapes.failed, strict=True):
+    for shape_id, row, distance, failed in zip(ids, scored.nearest, scored.distance, task.shapes.failed, strict=True):
         nearest = "" if failed else train.ids[row]
         key = {"arm": task.arm, "method": task.method, "shape_id": shape_id}
         yield key | {"nearest": nearest, "distance": float(distance)}
@@ -185,7 +187,7 @@ def halves(reference: Described, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def sizes(sets: dict[str, Clouds], size: int, points: int) -> dict[str, Any]:
-    """What the figures are of."""
+    """Sizes of the compared sets, and the noise of their points."""
     references = sets["reference"]
     fresh = sum(shape_id.startswith(FRESH) for shape_id in references.ids)
     return {

@@ -46,7 +46,7 @@ def main(runs: Path, shapes: Path, sequences: Path, out: Path, params: ProgressP
         measure = partial(progress_of, read_shapes(shapes), params)
         rows, _ = parallel_map(measure, todo, rejects=ShapeRejected, label="evaluate_progress")
         about = definitions(params.points, params.detail, (params.seed,)) | {"resolution": params.resolution}
-        write_progress(folder, (row for some in rows for row in some), about)
+        write_progress(folder, (row for batch in rows for row in batch), about)
 
 
 def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, str, Transfer]) -> list[dict[str, Any]]:
@@ -80,7 +80,7 @@ def progress_of(shapes: ShapeFolder, params: ProgressParams, item: tuple[Path, s
 
 
 def surface(run: Run, shape_id: str, step: int, params: ProgressParams) -> Measured | None:
-    """What the run makes of one step of one shape."""
+    """The run's surface for one step of one shape, ready to be measured; None without faces."""
     field = field_of(run.decoder, run.latent(shape_id, step), run.sequences[shape_id].cages[step])
     mesh = extract_surface(field, params.resolution)
     return Measured(mesh) if len(mesh.faces) else None

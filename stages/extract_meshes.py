@@ -42,7 +42,7 @@ def surface_of(run: Run, params: ExtractParams, item: tuple[str, int]) -> Surfac
     sequence = run.sequences[shape_id]
     field = field_of(run.decoder, run.latent(shape_id, step), sequence.cages[step])
     try:
-        found = extract(field, params.resolution, loose=LOOSE[params.loose])
+        extraction = extract(field, params.resolution, loose=LOOSE[params.loose])
     except ValueError as error:
         error.add_note(f"shape {shape_id}, step {step}")
         raise
@@ -50,13 +50,13 @@ def surface_of(run: Run, params: ExtractParams, item: tuple[str, int]) -> Surfac
         shape_id,
         step,
         sequence.held_out[step],
-        found.mesh,
-        found.clipped,
-        found.asked,
+        extraction.mesh,
+        extraction.clipped,
+        extraction.asked,
         run.similarities[shape_id],
-        found.components,
-        found.dropped,
-        found.overshoot,
+        extraction.components,
+        extraction.dropped,
+        extraction.overshoot,
     )
 
 

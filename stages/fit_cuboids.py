@@ -42,7 +42,7 @@ def fit_one(source: ShapeFolder, params: FitParams, shape_id: str) -> tuple[str,
 
 
 def lost(shape_id: str, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(shape_id, "fit_cuboids", reason)
 
 

@@ -79,7 +79,7 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
 
 
 def cages(run: Run, programs: Path, params: GenerateParams) -> tuple[Samples, list[tuple[int, Generated | None]]]:
-    """New cages, with the numbers of their draws; of an arm that knows no cuboids as many that are None."""
+    """New cages, with the numbers of their draws; for an arm without cuboids as many entries that are None."""
     if not has_cuboids(run):
         return Samples((), (), {}), [(number, None) for number in range(params.shapes)]
     generator, rng = read_generator(programs).generator, item_rng(params.seed, "cages")
@@ -89,14 +89,14 @@ def cages(run: Run, programs: Path, params: GenerateParams) -> tuple[Samples, li
 
 def summary(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any], method: str) -> str:
     """One line."""
-    found = counts(rows)
-    text = f"{found['shapes']} shapes, {found['ok']} with a surface, {found['one_piece']} in one piece"
-    text += f", {found['empty']} empty, {found['broken']} broken"
-    if "rooted" in found:
-        text += f"; {found['rooted']} rooted, {found['stable']} stable"
-        text += f"; {found['floating']} cuboids in mid-air left out"
+    numbers = counts(rows)
+    text = f"{numbers['shapes']} shapes, {numbers['ok']} with a surface, {numbers['one_piece']} in one piece"
+    text += f", {numbers['empty']} empty, {numbers['broken']} broken"
+    if "rooted" in numbers:
+        text += f"; {numbers['rooted']} rooted, {numbers['stable']} stable"
+        text += f"; {numbers['floating']} cuboids in mid-air left out"
     if about["drawn"]:
-        text += f"; {about['drawn'] - found['shapes']} of {about['drawn']} draws discarded"
+        text += f"; {about['drawn'] - numbers['shapes']} of {about['drawn']} draws discarded"
     known = about["methods"][method]
     if "tau" in known:
         effective = sorted(row["effective"] for row in rows)

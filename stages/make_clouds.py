@@ -50,12 +50,12 @@ def main(raw: Path, shapes: Path, out: Path, params: CloudsParams) -> None:
         done, rejected = parallel_map(sample, subjects, rejects=ShapeRejected, label="make_clouds", lost=lost)
         clouds = {name: stacked(done, name, params.points) for name in SETS}
         if not len(clouds["train"]):
-            raise InputError(f"{shapes}: none of its training shapes became a cloud" + "".join(map(said, rejected)))
+            raise InputError(f"{shapes}: none of its training shapes became a cloud" + "".join(map(left_out, rejected)))
         write_clouds(folder, clouds)
         references = [subject.recipe is not None for subject, _ in done if subject.set == "reference"]
         print(
             f"{len(clouds['train'])} training shapes; {references.count(False)} validation shapes and "
-            f"{references.count(True)} drawn ones for reference" + "".join(map(said, rejected))
+            f"{references.count(True)} drawn ones for reference" + "".join(map(left_out, rejected))
         )
 
 
@@ -100,12 +100,12 @@ def stacked(done: Iterable[tuple[Subject, Float[ndarray, "p 3"]]], name: str, po
 
 
 def lost(subject: Subject, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(subject.shape_id, "make_clouds", reason)
 
 
-def said(rejected: ShapeRejected) -> str:
-    """A rejected shape and why, to end a line with."""
+def left_out(rejected: ShapeRejected) -> str:
+    """A rejected shape and the reason, as the end of a line."""
     return f"; left out: {rejected.shape_id}, {rejected.reason}"
 
 

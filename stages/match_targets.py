@@ -1,4 +1,4 @@
-"""Choose what each training shape is deformed towards (§3.3).
+"""Choose the target of each training shape's deformation (§3.3).
 
 python -m stages.match_targets data/shapes/chair data/cuboids/chair data/matches/chair
 """

@@ -82,12 +82,12 @@ def sample_sequence(
 
 
 def lost(item: tuple[Sequence, Transfer], reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(item[0].shape_id, "sample_points", reason)
 
 
 def facts(of: PointsOf, params: SampleParams) -> dict[str, object]:
-    """What the shards' metadata say beside the columns."""
+    """Facts for the shards' metadata, beside the columns."""
     if of == "part":
         return {
             "of": "part",

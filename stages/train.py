@@ -38,7 +38,7 @@ from pipeline.cost import Cost, Counts, Sections
 from pipeline.library import used
 from pipeline.memory import memory
 
-MEASURED_GROUPS = 16  # a step that is measured has, at most
+MEASURED_GROUPS = 16  # at most, of a measured step
 MEASURED_WORK = 2e11  # multiplications that a measured training makes, about: a second or some
 
 
@@ -48,7 +48,7 @@ def trained_points(sections: Sections, arm: str) -> int:
 
 
 def measured_trainings(params: TrainParams) -> tuple[TrainParams, TrainParams]:
-    """One step, and so many more that they take a second or some, by the size of the network."""
+    """Two trainings to be timed: of one step, and of about a second more, by the size of the network."""
     groups = min(params.batch_chunks, MEASURED_GROUPS)
     a_step = groups * CHUNK * 6 * params.layers * params.width**2
     steps = int(min(max(MEASURED_WORK / a_step, 8), 400))
@@ -148,7 +148,7 @@ def free_codes(decoder: Decoder, latents: LatentTable, sequences: Mapping[str, S
 
 
 def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, Structure]:
-    """By shape id, what its cuboids follow from: the fitted program with its parts' labels, or else its hierarchy."""
+    """Structures by shape id: the fitted program with its parts' labels, or else the hierarchy."""
     fitted = read_assemblies(cuboids)
     return {
         shape_id: fitted[shape_id].labelled({part.part_id: part.label for part in shapes.alignment(shape_id)})
@@ -159,7 +159,7 @@ def structures(shapes: ShapeFolder, cuboids: Path, ids: list[str]) -> dict[str, 
 
 
 def described(params: TrainParams, trains_on: TrainsOn) -> str:
-    """Which points those are, in words."""
+    """Description of the training points, in words."""
     steps = "source shapes" if params.steps_of == "rest" else "all training steps"
     where = {
         "part": "around each part",
@@ -170,12 +170,12 @@ def described(params: TrainParams, trains_on: TrainsOn) -> str:
 
 
 def held(data: TrainingPoints) -> str:
-    """Where those are while it trains."""
+    """Place of the points during training, in words."""
     return "in memory" if isinstance(data, LoadedPoints) else "streamed, as memory is limited (CAGESDF_MEMORY)"
 
 
 def digest(inputs: dict[str, Path], params: TrainParams, data: TrainingPoints, ranks: Ranks) -> str:
-    """Of all that the weights depend on: parameters, inputs, way of reading, library, torch, device, ranks."""
+    """Digest of all that the weights depend on: parameters, inputs, reader, library, torch, device, ranks."""
     return digest_of(
         {
             "params": params.model_dump(mode="json"),

@@ -77,7 +77,7 @@ def sampled(name: str, params: FeaturesParams, recipe: Recipe) -> tuple[Recipe, 
 
 
 def lost(recipe: Recipe, reason: str) -> ShapeRejected:
-    """What becomes of a shape that kills its worker."""
+    """The rejection of a shape that kills its worker."""
     return ShapeRejected(recipe.shape_id, "train_features", reason)
 
 
@@ -96,10 +96,10 @@ def trained(clouds: Clouds, params: FeaturesParams) -> Features:
 
 def accuracy_of(features: Features, clouds: Clouds) -> dict[str, Any]:
     """Shares of the clouds whose category and whose label is recognised; null for what the classifier doesn't know."""
-    _, found = classify(features.model, features.taken(clouds.points))
+    _, numbers = classify(features.model, features.taken(clouds.points))
     categories = [label.split("/")[0] for label in clouds.labels]
-    by_category = [features.category(int(number)) == category for number, category in zip(found, categories)]
-    by_label = [features.classes[int(number)] == label for number, label in zip(found, clouds.labels)]
+    by_category = [features.category(int(number)) == category for number, category in zip(numbers, categories)]
+    by_label = [features.classes[int(number)] == label for number, label in zip(numbers, clouds.labels)]
     return {
         "category": float(np.mean(by_category)) if set(categories) <= features.categories else None,
         "family": float(np.mean(by_label)) if set(clouds.labels) <= set(features.classes) else None,

@@ -1,4 +1,4 @@
-"""Train what makes new structures and cages: on programs, or on cages where there are none (§4.4).
+"""Train a generator of structures and cages: on programs, or on cages where there are none (§4.4).
 
 python -m stages.train_programs data/shapes/chair data/cuboids/chair data/programs/chair
 """
@@ -57,7 +57,7 @@ def main(shapes: Path, cuboids: Path, out: Path, params: TrainProgramsParams) ->
 def on_programs(
     programs: Mapping[str, Assembly], label: str, params: TrainProgramsParams
 ) -> tuple[TrainedGenerator, list[ShapeRejected], Log, Figures]:
-    """The programs' autoencoder, the programs that it has no words for, its losses, how well it rebuilds the others."""
+    """The programs' autoencoder, the programs that it can't represent, its losses, and its quality on the others."""
     tokens: dict[str, ProgramTokens] = {}
     rejected: list[ShapeRejected] = []
     for shape_id, assembly in sorted(programs.items()):
@@ -78,7 +78,7 @@ def on_programs(
 def on_cages(
     structures: Mapping[str, Structure], cages: Mapping[str, Cage]
 ) -> tuple[TrainedGenerator, list[ShapeRejected], Log, Figures]:
-    """What draws new proportions for the structures at hand: nothing is rejected, and nothing optimised."""
+    """A generator of new proportions for the training structures: nothing is rejected, and nothing optimised."""
     generator = ProportionGenerator(families(structures, cages), reach_of(cages.values()))
     return TrainedGenerator(generator, structures, cages), [], [], {}
 
@@ -100,7 +100,7 @@ def summary(figures: Figures) -> str:
 
 
 def reasons(failures: Mapping[str, int]) -> str:
-    """What the others failed of."""
+    """Numbers and reasons of discarded draws, as text."""
     return "".join(f"; {count} discarded: {reason}" for reason, count in failures.items())
 
 

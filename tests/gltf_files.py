@@ -123,7 +123,7 @@ def _renamed(entry: Any, places: dict[str, list[int]]) -> Any:
     return result
 
 
-def packed(tree: dict[str, Any], data: bytes) -> bytes:
+def packed(tree: dict[str, Any] | list[Any], data: bytes) -> bytes:
     """A binary file."""
     text = json.dumps(tree).encode("utf-8")
     chunks = b"".join(

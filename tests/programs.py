@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -144,6 +145,19 @@ def scrambled(program: AssemblyProgram, rng: np.random.Generator) -> AssemblyPro
     return AssemblyProgram((first, *(others[i] for i in rng.permutation(len(others)))))
 
 
+def renamed(statement: Statement, called: Mapping[str, str]) -> Statement:
+    """A statement about cuboids of other names."""
+    match statement:
+        case Declare():
+            return replace(statement, name=called[statement.name])
+        case Squeeze():
+            return replace(statement, a=called[statement.a], b=called[statement.b], c=called[statement.c])
+        case Attach():
+            return replace(statement, a=called[statement.a], b=called[statement.b])
+        case Reflect() | Translate():
+            return replace(statement, a=called[statement.a])
+
+
 def _scrambled(block: Block, names: dict[str, str], rng: np.random.Generator) -> Block:
     declared = [statement.name for statement in block.statements if isinstance(statement, Declare)]
     fresh = dict(zip(declared, (f"n{number}" for number in rng.permutation(len(declared)))))
@@ -164,8 +178,7 @@ def _scrambled(block: Block, names: dict[str, str], rng: np.random.Generator) ->
             called[statement.name] = names.get(statement.name, fresh[statement.name])
         for copy in made.get(j, []):
             called[copy] = f"cube{len(called) - 1}"
-        fields = {key: called[getattr(statement, key)] for key in ("name", "a", "b", "c") if hasattr(statement, key)}
-        out.append(replace(statement, **fields))
+        out.append(renamed(statement, called))
     return Block(names[block.name], block.size, tuple(out))
 
 

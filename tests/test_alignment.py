@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import toy
 from scipy.spatial.transform import Rotation
 
 from cagesdf.alignment import PADDING, Boxes, Candidate, align, choose
@@ -27,7 +28,7 @@ from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import write_shape
 
 REAL = Path(__file__).parent.parent.parent / "shared" / "data" / "partnet" / "3763"
-LIMITS = {"up": "y", "weld": 1e-6, "max_faces": 10**6, "max_parts": 64, "min_thickness": 1e-3}
+LIMITS: toy.Limits = {"weld": 1e-6, "max_faces": 10**6, "max_parts": 64, "min_thickness": 1e-3}
 BLOCK = [[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
 FACES = np.array([*BLOCK, [1, 5, 7], [1, 7, 3]], np.int32)
 
@@ -201,7 +202,7 @@ def test_a_shape_with_a_program_is_imported_with_its_leaves_as_parts_and_stored(
     labels = draw(recipe).structure.labels()
     assert [part.part_id for part in raw.parts] == list(execute(found.program).part_ids) == list(raw.structure.parts())
     assert [part.label for part in raw.parts] == [labels[part_id] for part_id in found.part_ids]
-    shape = import_shape(raw, **LIMITS)
+    shape = import_shape(raw, "y", **LIMITS)
     assert "1 programs, 8 leaves: mean IoU with their parts 0." in summary([shape], [])
     write_shapes(tmp_path, [shape])
     again = read_shapes(tmp_path)

@@ -278,8 +278,8 @@ def test_the_package_and_its_help_start_without_what_they_may_need_later() -> No
 
 def test_all_names_are_there_and_the_types_of_exactly_these_are_declared() -> None:
     stub = (ROOT / "cagesdf" / "__init__.pyi").read_text(encoding="utf-8").splitlines()
-    assert sorted(line.split(" as ")[1] for line in stub) == sorted(cagesdf.__all__)
-    for name in cagesdf.__all__:
+    assert sorted(line.split(" as ")[1] for line in stub) == sorted(vars(cagesdf)["__all__"])
+    for name in vars(cagesdf)["__all__"]:
         assert getattr(cagesdf, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         cagesdf.nothing  # type: ignore[attr-defined]  # noqa: B018

@@ -129,11 +129,11 @@ def test_weighted_batches_average_to_the_papers_objective() -> None:
     means = []
     for shape in (0, 1):
         for step in (0, 1):
-            errors = []
+            differences = []
             for c in range(len(chunks)):
                 if chunks.shape_id[c] == shape and chunks.step[c] == step:
-                    errors += [abs(float(predicted[c, n]) - float(chunks.sdf[c, n])) for n in range(CHUNK)]
-            means.append(sum(errors) / len(errors))
+                    differences += [abs(float(predicted[c, n]) - float(chunks.sdf[c, n])) for n in range(CHUNK)]
+            means.append(sum(differences) / len(differences))
     expected = sum(means) / len(means)
 
     order = BatchOrder(groups.shape.numpy(), 3, 1, seed=0)
@@ -221,7 +221,7 @@ def test_bundles_hold_every_group_once_and_run_of_one_owner_each(owner: list[int
     # Cut greedily, there are no more runs than each owner's bundles.
     runs, start = 0, 0
     changes = [*np.flatnonzero(np.diff(owners[order])) + 1, len(order)]
-    whole = Counter()
+    whole: Counter[int] = Counter()
     for stop in changes:
         whole[int(owners[order[start]])] += (stop - start) // bundle
         runs, start = runs + 1, stop

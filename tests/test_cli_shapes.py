@@ -14,8 +14,9 @@ from test_cli import Command
 from cagesdf.api import sources
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
-from cagesdf.formats.listing import find_shape
+from cagesdf.formats.listing import ShapeSource, find_shape
 from cagesdf.meshes import Mesh, join
+from cagesdf.shape import RawShape
 
 command = test_cli.command  # the fixture
 SHARED = Path(__file__).parent.parent.parent / "shared/data"
@@ -99,7 +100,12 @@ def test_check_says_each_shape_as_it_is_done(
     seen: list[int] = []
     monkeypatch.setattr("builtins.print", lambda text, flush: said.append(text))
     read = sources.read_shape
-    monkeypatch.setattr(sources, "read_shape", lambda source: (seen.append(len(said)), read(source))[1])
+
+    def seeing(source: ShapeSource) -> RawShape:
+        seen.append(len(said))
+        return read(source)
+
+    monkeypatch.setattr(sources, "read_shape", seeing)
     command.complaint("check", tmp_path)
     assert seen == [0, 1, 2]
 

@@ -164,9 +164,9 @@ def test_each_shape_has_random_numbers_of_its_own(
 ) -> None:
     keys: list[tuple] = []
 
-    def listening(*key: object) -> np.random.Generator:
-        keys.append(key)
-        return item_rng(*key)
+    def listening(seed: int, *ids: str | int) -> np.random.Generator:
+        keys.append((seed, *ids))
+        return item_rng(seed, *ids)
 
     monkeypatch.setenv("CAGESDF_WORKERS", "1")
     monkeypatch.setattr(make_clouds, "item_rng", listening)

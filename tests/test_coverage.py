@@ -75,11 +75,14 @@ def test_faces_that_the_solid_has_cost_no_distance(monkeypatch: pytest.MonkeyPat
 
 
 def test_the_number_of_distances_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+    asked: list[int] = []
     closest = SurfaceDistance.closest
     monkeypatch.setattr(coverage, "MAX_CELLS", 1000)
-    monkeypatch.setattr(
-        SurfaceDistance, "closest", lambda self, points: (asked.append(len(points)), closest(self, points))[1]
-    )
+
+    def counted(surface: SurfaceDistance, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        asked.append(len(points))
+        return closest(surface, points)
+
+    monkeypatch.setattr(SurfaceDistance, "closest", counted)
     assert 0 < lost(soup(50, np.random.default_rng(0)), BOX) < 1
     assert sum(asked) <= 3000

@@ -1,7 +1,7 @@
 """What operations do, in laws: what undoes what, what commutes, what stays as it was."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import programs
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.editing.links import mirrors, repeats
+from cagesdf.editing.links import Motion, mirrors, repeats
 from cagesdf.editing.operations import edited
 from cagesdf.editing.parts import parameters, part_names
 from cagesdf.editing.script import (
@@ -124,8 +124,8 @@ def test_stretching_and_turning_are_undone_by_their_inverse(axis: Any, factor: f
     for state, part in ((chair(), "seat"), (jug(), "handle_1")):
         there = Resize(part=part, axis=axis, factor=factor, keep=keep)
         same(do(state, there, Resize(part=part, axis=axis, factor=1 / factor, keep=keep)), state)
-        there = Rotate(part=part, axis=axis, angle=angle)
-        same(do(state, there, Rotate(part=part, axis=axis, angle=-angle)), state)
+        turn = Rotate(part=part, axis=axis, angle=angle)
+        same(do(state, turn, Rotate(part=part, axis=axis, angle=-angle)), state)
 
 
 @settings(max_examples=20)
@@ -187,9 +187,11 @@ def test_operations_speak_of_the_users_axes_and_unit() -> None:
     before = raw_corners(state, seat)
     moved = raw_corners(do(state, Move(part=seat, by=(0.1, 0.2, 0.3))), seat)
     np.testing.assert_allclose(moved - before, np.tile([0.1, 0.2, 0.3], (8, 1)), atol=1e-12)
-    for k, axis in enumerate("xyz"):
+    axis_names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+    ends: tuple[tuple[Literal["low", "high"], Any], ...] = (("low", np.min), ("high", np.max))
+    for k, axis in enumerate(axis_names):
         for frame in ("shape", "cuboid"):
-            for keep, end in (("low", np.min), ("high", np.max)):
+            for keep, end in ends:
                 wide = raw_corners(do(state, Resize(part=seat, axis=axis, factor=1.5, keep=keep, frame=frame)), seat)
                 wanted = np.ones(3)
                 wanted[k] = 1.5
@@ -249,7 +251,7 @@ def test_a_lower_base_takes_all_above_it_along_and_repeated_parts_follow() -> No
     np.testing.assert_allclose(low.cage["seat"].centre - state.cage["seat"].centre, [0, -drop, 0], atol=1e-9)
     for leg in ("Base/Side/leg", "Base/cube1/leg", "Base/Side/cube2", "Base/Side/cube3"):
         assert low.cage[leg].size[1] == pytest.approx(state.cage[leg].size[1] * 0.3 / 0.45)
-    np.testing.assert_allclose(low.cage.vectors(), low.structure.cage().vectors(), atol=1e-12)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(low.cage.vectors(), low.structure.cage().vectors(), atol=1e-12)
 
 
 def test_what_was_moved_by_hand_stays_moved_when_the_program_changes_and_the_rest_to_the_last_bit() -> None:
@@ -301,7 +303,10 @@ def test_undo_and_redo_restore_the_very_states() -> None:
         (Blend(style_of="c", weight=0.5), "style_of 'c'"),
         (Mix(part="wing", style_of="b"), "part 'wing': no part is called so; wanted one of seat"),
         (Mix(part="seat", style_of="c"), "style_of 'c': none of the 2 styles"),
-        (Mix(part="seat", style_of="b", **{"from": "wing"}), "part 'wing': no part is called so; wanted one of seat"),
+        (
+            Mix.model_validate({"part": "seat", "style_of": "b", "from": "wing"}),
+            "part 'wing': no part is called so; wanted one of seat",
+        ),
         (Set(parameter="Chair.seet.y", value=1), "did you mean Chair.seat.y"),
         (Set(parameter="Chair.seat.y", value=-1), "positive"),
         (Set(parameter="Chair.seat.y", value=1e6), "away"),
@@ -368,6 +373,7 @@ def test_repeated_parts_stay_repeated_if_the_script_says_so(relation: Translatio
     )
     state = do(rail(relation), *changes)
     motion = next(iter(repeats(state)["1"].values()))
+    assert isinstance(motion, Motion)
     np.testing.assert_allclose(state.cage["2"].centre, motion(state.cage["1"].centre), atol=1e-12)
     np.testing.assert_allclose(state.cage["2"].size, state.cage["1"].size)
     np.testing.assert_allclose(state.cage["2"].axes, state.cage["1"].axes @ motion.rotation.T, atol=1e-12)
@@ -420,7 +426,9 @@ def test_parts_look_as_in_the_cage_that_was_opened_until_it_is_harmonised(
 
 def test_a_number_of_the_program_changes_cuboids_and_not_what_is_seen() -> None:
     opened = chair()
-    numbers = parameters(opened.structure.placed_program()[0])
+    placed = opened.structure.placed_program()
+    assert placed is not None
+    numbers = parameters(placed[0])
     state = do(opened, Set(parameter="Chair.seat.x", value=numbers["Chair.seat.x"] * 0.9))
     assert state.seen is opened.seen
     assert not np.array_equal(state.cage.vectors(), opened.cage.vectors())

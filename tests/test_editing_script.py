@@ -68,7 +68,7 @@ def test_the_example_of_the_documentation_is_read() -> None:
     script = parse('[{"op":"resize","part":"leg_*","axis":"y","factor":1.3},{"op":"swap","style_of":"chair_0007"}]')
     assert script == (Resize(part="leg_*", axis="y", factor=1.3), Swap(style_of="chair_0007"))
     [mix] = parse('[{"op": "mix", "part": "leg_*", "style_of": "chair_0007", "from": "leg", "weight": 1}]')
-    assert mix == Mix(part="leg_*", style_of="chair_0007", **{"from": "leg"})
+    assert mix == Mix.model_validate({"part": "leg_*", "style_of": "chair_0007", "from": "leg"})
 
 
 def test_every_kind_of_operation_has_its_word() -> None:

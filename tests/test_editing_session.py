@@ -111,7 +111,8 @@ def test_a_mutated_script_is_done_or_refused_and_nothing_else(session: Session) 
     )
     builds = [Build(structure=structure.to_json()) for structure in (tree, state.structure)]
     text = dump((*EDITS, builds[0], Move(part="leg_*", by=(0.0, 0.1, 0.0), repeat=True), builds[1]))
-    rng, done = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    done: list[History | str] = []
     for _ in range(40):
         mutant = text
         for start in rng.integers(len(text), size=rng.integers(1, 4)).tolist():

@@ -119,7 +119,8 @@ def test_a_wrong_number_of_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_an_items_generator_depends_on_seed_and_ids_alone() -> None:
-    draws = {tuple(item_rng(*key).random(2)) for key in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), (1, "a")]}
+    keys: list[tuple[int, tuple[str | int, ...]]] = [(1, ("a",)), (1, ("b",)), (2, ("a",)), (1, ("a", 0)), (1, ("a",))]
+    draws = {tuple(item_rng(seed, *ids).random(2)) for seed, ids in keys}
     assert len(draws) == 4
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ from cagesdf.extraction.merging import merged
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, topology
 from cagesdf.models.arms import DECODERS, make_decoder
-from cagesdf.models.decoders import CageDecoder, Decoder
+from cagesdf.models.decoders import CageDecoder, Decoder, TrainsOn
 
 LATENT = torch.zeros(4)
 
@@ -43,7 +44,7 @@ LATENT = torch.zeros(4)
 class Analytic(Decoder):
     """A decoder that is a function of the point alone."""
 
-    trains_on = "cage"
+    trains_on: ClassVar[TrainsOn] = "cage"
 
     def __init__(self, sdf: Callable[[np.ndarray], np.ndarray]) -> None:
         super().__init__()
@@ -83,7 +84,7 @@ class Filling(Local):
     """A decoder of boxes: each fills its cuboid."""
 
     def __init__(self) -> None:
-        super().__init__(len)
+        super().__init__(np.zeros_like)
 
     def at(self, features: torch.Tensor, condition: torch.Tensor, products: torch.dtype) -> torch.Tensor:
         beyond = features.abs() - condition[:, None, 12:] / 2
@@ -94,7 +95,7 @@ class PerCuboid(Local):
     """A ball in each cuboid, as large as its code says."""
 
     def __init__(self) -> None:
-        super().__init__(len)
+        super().__init__(np.zeros_like)
 
     def condition(self, code: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
         return code[:, :1]
@@ -106,7 +107,7 @@ class PerCuboid(Local):
 class Linear(Decoder):
     """A decoder that needs code and cuboid."""
 
-    trains_on = "cage"
+    trains_on: ClassVar[TrainsOn] = "cage"
 
     def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
         return points.sum(-1, keepdim=True)

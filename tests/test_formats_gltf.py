@@ -341,7 +341,8 @@ def a_place(rng: np.random.Generator) -> tuple[dict[str, Any], list[list[float]]
 def test_parts_lie_where_a_slow_chain_of_matrices_places_them_and_face_outward(place: Path, seed: int) -> None:
     rng, file = RNG(seed), Gltf()
     box, count = file.mesh(BOX), 6
-    matrices, parents = [], [-1, *(int(rng.integers(i)) for i in range(1, count))]
+    matrices: list[list[list[float]]] = []
+    parents = [-1, *(int(rng.integers(i)) for i in range(1, count))]
     for i in range(count):
         told, matrix = a_place(rng)
         matrices.append(matrix if i == 0 else product(matrices[parents[i]], matrix))
@@ -396,8 +397,8 @@ def test_a_file_is_a_shape_and_a_file_in_a_folder_is_a_part(tmp_path: Path, suff
     content = file.glb() if suffix == ".glb" else file.text(f"data:;base64,{encoded}").encode()
     (tmp_path / "chair").mkdir()
     as_file(content, tmp_path, f"desk{suffix}")
-    for part in ("seat", "stand"):
-        as_file(content, tmp_path / "chair", f"{part}{suffix}")
+    for name in ("seat", "stand"):
+        as_file(content, tmp_path / "chair", f"{name}{suffix}")
     whole = find_shape(tmp_path / f"desk{suffix}")
     assert [part.part_id for part in read_shape(whole).parts] == ["hind", "seat", "seat_2", "Leg", "Leg_2"]
     assert [part.label for part in read_shape(whole).parts] == ["hind", "seat", "seat", "leg", "leg"]

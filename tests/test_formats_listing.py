@@ -8,7 +8,7 @@ import random
 import unicodedata
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import toy
@@ -304,7 +304,7 @@ def test_lists_say_what_is_held_out(tmp_path: Path, files: dict[str, str], wante
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("form", ["NFC", "NFD"])
 def test_every_encoding_mark_line_end_and_form_is_read_alike(
-    tmp_path: Path, encoding: str, marked: bool, end: str, form: str
+    tmp_path: Path, encoding: str, marked: bool, end: str, form: Literal["NFC", "NFD"]
 ) -> None:
     write_shapes(tmp_path, "chair 01", "Stühl", "椅子", "left")
     text = unicodedata.normalize(form, end.join(["chair 01", "", "# held out below", "Stühl", "椅子"]))
@@ -333,7 +333,12 @@ names = (
     spaces=st.lists(st.sampled_from(["", " ", "\t", "  "]), min_size=6, max_size=6),
 )
 def test_what_was_listed_is_what_is_read(
-    tmp_path_factory: pytest.TempPathFactory, known: list[str], encoding: str, end: str, form: str, spaces: list[str]
+    tmp_path_factory: pytest.TempPathFactory,
+    known: list[str],
+    encoding: str,
+    end: str,
+    form: Literal["NFC", "NFD"],
+    spaces: list[str],
 ) -> None:
     """Whatever the ids hold: spaces, brackets, "#", suffixes, any letters."""
     path = tmp_path_factory.mktemp("lists") / "train.txt"
@@ -450,9 +455,11 @@ def mutated(content: bytes, rng: random.Random) -> bytes:
     return content
 
 
-ODD = (None, True, -1, 0, 1, 2.5, 10**400, float("nan"), float("inf"), "", "o-0", "../../x", "a\0b", "\ud800",
-       "root", [], {}, [[]], ["o-0", "o-0"], ["O-0.obj", 7], {"id": 0}, [0] * 12, [1e400] * 12,
-       "REF_SYM", "leg" * 99)  # fmt: skip
+ODD: tuple[object, ...] = (
+    None, True, -1, 0, 1, 2.5, 10**400, float("nan"), float("inf"), "", "o-0", "../../x", "a\0b", "\ud800",
+    "root", [], {}, [[]], ["o-0", "o-0"], ["O-0.obj", 7], {"id": 0}, [0] * 12, [1e400] * 12,
+    "REF_SYM", "leg" * 99,
+)  # fmt: skip
 
 
 def changed(content: bytes, rng: random.Random) -> bytes:

@@ -81,7 +81,7 @@ def test_any_name_goes_through_the_stages(tmp_path: Path, monkeypatch: pytest.Mo
         ".", "-1",
     )  # fmt: skip
     raw, shapes, cuboids, matches, sequences = (tmp_path / name for name in ("raw", "shapes", "cuboids", "m", "s"))
-    limits = {"weld": 1e-5, "max_faces": 100_000, "max_parts": 150, "min_thickness": 1e-4}
+    limits: toy.Limits = {"weld": 1e-5, "max_faces": 100_000, "max_parts": 150, "min_thickness": 1e-4}
     import_shapes.main(
         raw, shapes, ImportParams(format=1, include="*", up="y", parts="given", max_rejected=0.0, **limits)
     )
@@ -96,9 +96,9 @@ def test_any_name_goes_through_the_stages(tmp_path: Path, monkeypatch: pytest.Mo
         shapes, cuboids, matches, sequences,
         DeformParams(format=1, steps=3, held_out=(1,), interpolation="cuboids", transfer="trilinear", max_rejected=0.0),
     )  # fmt: skip
-    for shape in read_shapes(shapes):
-        structure = shape.structure
-        assert tuple(part.part_id for part in shape.parts) == structure.parts() == wanted
+    for read in read_shapes(shapes):
+        structure = read.structure
+        assert tuple(part.part_id for part in read.parts) == structure.parts() == wanted
         assert structure.children(structure.root()) == wanted
         assert structure.root() not in wanted
     assert {cage.part_ids for cage in read_cages(cuboids).values()} == {wanted}

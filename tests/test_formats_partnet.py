@@ -71,7 +71,7 @@ def test_the_hierarchy_says_what_the_parts_are(tmp_path: Path) -> None:
     assert places(shape) == {"2": [1, 2, 3], "1": [0], "-1": [4]}
     assert [part.label for part in shape.parts] == ["base", "seat", "other"]
     assert len(shape.structure.relations()) == 1
-    assert set(shape.structure.cuboids()) == {"2", "1", "-1"}
+    assert set(shape.structure.cage().part_ids) == {"2", "1", "-1"}
 
 
 @pytest.mark.parametrize(

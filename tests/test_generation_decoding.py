@@ -34,17 +34,24 @@ REASONS = {
 }
 
 
+def linear(head: torch.nn.Sequential) -> torch.nn.Linear:
+    """The last layer of a head."""
+    last = head[-1]
+    assert isinstance(last, torch.nn.Linear)
+    return last
+
+
 def untrained(seed: int) -> ProgramVAE:
     """One whose choices differ from code to code and line to line, and whose numbers are not absurd."""
     model = ProgramVAE.drawn(24, 6, seed)
     decoder = model.decoder
     with torch.no_grad():
         for head in (decoder.command, decoder.operands, decoder.aligned, decoder.leaf, decoder.copies, decoder.squeeze):
-            head[-1].weight.mul_(8.0)
+            linear(head).weight.mul_(8.0)
         for parameter in decoder.writer.parameters():
             parameter.mul_(4.0)
         for head, value in ((decoder.bbox, 1.0), (decoder.lengths, 0.3), (decoder.places, 0.5), (decoder.squeeze, 0.5)):
-            head[-1].bias.fill_(value)
+            linear(head).bias.fill_(value)
     return model
 
 
@@ -76,7 +83,7 @@ def test_every_code_gives_a_program_that_executes_near_its_bbox_or_a_reason(
 
 def test_no_program_breaks_a_rule(written: list[AssemblyProgram | str]) -> None:
     """Those of phases, operands, axes and faces, asked again of what remained."""
-    seen = Counter()
+    seen: Counter[int] = Counter()
     for program in written:
         if isinstance(program, str):
             continue

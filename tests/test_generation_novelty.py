@@ -91,7 +91,7 @@ def test_figures_add_up() -> None:
     assert (figures["valid"], figures["floating"]) == (3, 3)
     assert (figures["copies"], figures["new_cages"], figures["new_structures"]) == (1, 1, 1)
     assert figures["structures"] == 2
-    rebuilt = {"chair": items[1], "other": items[2], "third": "degenerate numbers"}
+    rebuilt: dict[str, Generated | str] = {"chair": items[1], "other": items[2], "third": "degenerate numbers"}
     among = known(chair=programs.CHAIR, other=programs.CHAIR, third=programs.CHAIR)
     again = rebuilding_figures(rebuilt, among)
     assert (again["rebuilt"], again["same_structure"]) == (3, 1)

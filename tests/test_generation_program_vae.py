@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import one_program
@@ -52,7 +53,7 @@ def check_against_one_by_one(batch: Sequence[ProgramTokens]) -> None:
         if theirs.grad is None:
             assert ours.grad is None or not ours.grad.any(), name
             continue
-        torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-3, atol=2e-4, msg=lambda m, n=name: f"{n}: {m}")
+        torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-3, atol=2e-4, msg=partial("{}: {}".format, name))
         reached += 1
     assert reached > 40
 

@@ -58,9 +58,10 @@ def test_every_draw_keeps_the_mirror_the_contacts_and_the_tree() -> None:
         assert touching(cage)[body].sum() == 2
         assert item.structure.signature() == jar(0)[0].signature()
         (relation,) = item.structure.relations()
+        assert isinstance(relation, Reflection)
         assert np.allclose(relation.point[0], 0)
         assert np.allclose(np.abs(relation.normal), [1, 0, 0])
-        assert np.allclose(item.structure.cuboids()["body"].centre, cage["body"].centre)
+        assert np.allclose(item.structure.cage()["body"].centre, cage["body"].centre)
 
 
 def test_all_draws_of_temperature_0_are_the_mean_and_higher_ones_differ() -> None:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,24 +11,24 @@ from hypothesis import strategies as st
 
 from cagesdf.errors import InputError
 from cagesdf.structure.hierarchy import MAX_DEPTH, PartHierarchy
-from cagesdf.structure.relations import Adjacency, Reflection, Rotation, Translation
+from cagesdf.structure.relations import Adjacency, Reflection, Relation, Rotation, Translation
 
 
-def leaf(number: int, label: str = "leg", x: float = 0.0) -> dict:
+def leaf(number: int, label: str = "leg", x: float = 0.0) -> dict[str, Any]:
     return {"id": number, "label": label, "box": [x, 0, 0, 1, 2, 3, 1, 0, 0, 0, 1, 0]}
 
 
-def chair(order: tuple[int, ...] = (2, 3, 4), **edge: object) -> dict:
+def chair(order: tuple[int, ...] = (2, 3, 4), **edge: Any) -> dict[str, Any]:
     legs = [leaf(2, x=-1.0), leaf(3, x=1.0), leaf(4, "seat")]
     children = [legs[i - 2] for i in order]
-    base = {"id": 1, "label": "chair", "children": children, "edges": []}
+    base: dict[str, Any] = {"id": 1, "label": "chair", "children": children, "edges": []}
     if edge:
         ends = {"part_a": order.index(2), "part_b": order.index(3)}
         base["edges"] = [{**ends, **edge}]
     return {"id": 0, "label": "root", "children": [base]}
 
 
-REFLECTION = {"type": "REF_SYM", "params": [0, 0, 0, 1, 0, 0]}
+REFLECTION: dict[str, Any] = {"type": "REF_SYM", "params": [0, 0, 0, 1, 0, 0]}
 
 trees = st.recursive(
     st.builds(lambda label, x: leaf(0, label, x), st.text(max_size=5), st.floats(-9, 9)),
@@ -80,7 +81,7 @@ def test_the_signature_sees_labels_counts_nesting_and_symmetries() -> None:
 
 
 def test_all_four_kinds_of_edge_are_read() -> None:
-    kinds = {
+    kinds: dict[str, tuple[dict[str, Any], Relation]] = {
         "ADJ": ({"dist": 0.25}, Adjacency("2", "3", 0.25)),
         "REF_SYM": ({"params": [1, 2, 3, 0, 1, 0]}, Reflection("2", "3", (1.0, 2.0, 3.0), (0.0, 1.0, 0.0))),
         "TRANS_SYM": ({"params": [1, 2, 3]}, Translation("2", "3", (1.0, 2.0, 3.0))),
@@ -136,6 +137,8 @@ def test_other_cuboids_bring_their_own_mirrors_and_leave_the_tree_as_it_is() -> 
     assert other.parts() == hierarchy.parts()
     assert all(np.array_equal(other.cuboids()[name].centre, cuboid.centre) for name, cuboid in cuboids.items())
     (before,), (after,) = hierarchy.relations(), other.relations()
+    assert isinstance(before, Reflection)
+    assert isinstance(after, Reflection)
     assert np.allclose(np.abs(after.normal), np.abs(before.normal))
     assert np.isclose(after.point[0], before.point[0] + 1)
 

@@ -18,7 +18,7 @@ from cagesdf.structure.hierarchy import Node, PartHierarchy
 from cagesdf.structure.relations import Adjacency, Reflection, Rotation, Translation
 
 IKEA = Path(__file__).parent.parent.parent / "shared/data/ikea"
-LIMITS = {"weld": 1e-5, "max_faces": 10_000, "max_parts": 150, "min_thickness": 1e-4}
+LIMITS: toy.Limits = {"weld": 1e-5, "max_faces": 10_000, "max_parts": 150, "min_thickness": 1e-4}
 
 
 def raw_shape(meshes: dict[str, Mesh]) -> RawShape:
@@ -86,6 +86,9 @@ def test_boxes_and_relations_move_with_the_meshes() -> None:
 
     adjacency, reflection, translation, rotation = moved.relations()
     assert isinstance(adjacency, Adjacency)
+    assert isinstance(reflection, Reflection)
+    assert isinstance(translation, Translation)
+    assert isinstance(rotation, Rotation)
     assert adjacency.distance == pytest.approx(0.5 * similarity.scale)
 
     def mirrored(points, point, normal):
@@ -139,7 +142,7 @@ def test_a_film_becomes_a_plate_or_is_rejected_where_plates_are_too_thin() -> No
     seat, film = import_shape(raw, "y", **LIMITS).parts
     assert (seat.repair.method, film.repair.method) == ("none", "wrapped")
     with pytest.raises(ShapeRejected, match=r"part film .*on average, wanted at least 0\.02"):
-        import_shape(raw, "y", **{**LIMITS, "min_thickness": 0.02})
+        import_shape(raw, "y", **(LIMITS | {"min_thickness": 0.02}))
 
 
 def test_missing_system_libraries_are_never_a_rejection(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """Codes of shapes that were not trained on, found with a network of balls in their boxes."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import torch
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.models.arms import make_decoder
-from cagesdf.models.decoders import Decoder
+from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch, Cages, training_set
 from cagesdf.training.inference import InferenceSettings, Inferred, OneShape, infer
@@ -31,7 +32,7 @@ PARTS = 2
 class Balls(Decoder):
     """In every cuboid a ball whose radius is its code's first number; the other does nothing."""
 
-    trains_on = "cage"
+    trains_on: ClassVar[TrainsOn] = "cage"
 
     def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
         return points - cuboid[:, None, :3]

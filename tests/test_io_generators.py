@@ -22,7 +22,7 @@ from cagesdf.structure.assembly import Assembly
 from pipeline import Params, artefact
 
 LOG = [{"step": 1, "loss": 2.5}]
-FIGURES = {"valid": 3}
+FIGURES: dict[str, int | float] = {"valid": 3}
 
 
 def on_programs() -> TrainedGenerator:

@@ -13,6 +13,7 @@ from cagesdf.io.points import (
     CHUNKS_PER_GROUP,
     POINTS,
     PointChunks,
+    PointsOf,
     count_groups,
     count_points,
     join_chunks,
@@ -104,7 +105,7 @@ def test_a_folder_without_shards_of_a_kind_is_refused(tmp_path: Path) -> None:
 
 
 def test_points_of_shapes_and_of_parts_lie_in_one_folder_and_are_read_apart(tmp_path: Path) -> None:
-    pieces = {"shape": chunks("a", 4), "part": chunks("a", 7)}
+    pieces: dict[PointsOf, PointChunks] = {"shape": chunks("a", 4), "part": chunks("a", 7)}
     for of, piece in pieces.items():
         write_shard(shard_path(tmp_path, of, 0), [piece], np.random.default_rng(0))
     for of, piece in pieces.items():

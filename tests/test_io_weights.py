@@ -23,9 +23,9 @@ from cagesdf.io.fits import LATENT, read_fit_latent
 from cagesdf.io.generators import read_generator, write_generator
 from cagesdf.io.residuals import read_residuals, write_residuals
 from cagesdf.io.runs import read_run, read_snapshot, write_run, write_snapshot
-from cagesdf.io.weights import planned, read_header, read_tensors, sizes_of
+from cagesdf.io.weights import Sizes, planned, read_header, read_tensors, sizes_of
 
-HUGE = [0, -1, 2**31, 2**64, 10**400, 1e308, float("nan"), True, None, "12", {}, [2**62], [[]]]
+HUGE: list[object] = [0, -1, 2**31, 2**64, 10**400, 1e308, float("nan"), True, None, "12", {}, [2**62], [[]]]
 many = settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -197,8 +197,12 @@ def test_tensors_of_another_kind_or_size_are_refused_by_name(tensor: torch.Tenso
 def test_a_tensor_too_many_or_too_few_is_refused_and_just_the_right_ones_are_read(tmp_path: Path) -> None:
     path = tmp_path / "w.safetensors"
     path.write_bytes(save({"a": torch.ones(2), "b": torch.ones(3)}))
-    for sizes, said in (({"a": (2,)}, r"b has the size \[3\], wanted none"), ({"c": (1,)}, "a has the size")):
-        with pytest.raises(InputError, match=said):
+    cases: list[tuple[Sizes, str]] = [
+        ({"a": (2,)}, r"b has the size \[3\], wanted none"),
+        ({"c": (1,)}, "a has the size"),
+    ]
+    for sizes, message in cases:
+        with pytest.raises(InputError, match=message):
             read_tensors(path, sizes)
     assert read_header(path)[0] == {"a": (2,), "b": (3,)}
     tensors = read_tensors(path, {"b": (3,), "a": (2,)})

@@ -14,6 +14,7 @@ from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.models.occupancy import TEMPERATURE
+from cagesdf.models.triplane import TriplaneDecoder
 from cagesdf.training import checkpoint as checkpoint_module
 from cagesdf.training.batches import Batch, Cages, MemoryBatches, latent_keys, training_set
 from cagesdf.training.checkpoint import Checkpoint, digest_of
@@ -238,9 +239,9 @@ def two_parts(groups: int = 11) -> Batch:
     part = rng.integers(0, 2, groups)
     points = rng.uniform(-0.6, 0.6, (groups, 64, 3))
     numbers = (points, rng.normal(0, 0.2, (groups, 64)), rng.uniform(0.5, 2, groups))
-    tensors = [torch.from_numpy(values.astype(np.float32)) for values in numbers]
+    xyz, sdf, weight = (torch.from_numpy(values.astype(np.float32)) for values in numbers)
     rows = Cages.of(zip(cages, (1, 0, 2)))
-    return Batch(*tensors, torch.from_numpy(shape), torch.from_numpy(part), rows)
+    return Batch(xyz, sdf, weight, torch.from_numpy(shape), torch.from_numpy(part), rows)
 
 
 def slow_errors(
@@ -289,11 +290,13 @@ def test_gradients_are_those_of_the_whole_loss_at_once(
     for parameter, gradient in zip(parameters, expected, strict=True):
         given = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
         torch.testing.assert_close(given, gradient, rtol=1e-3, atol=1e-5)
+    assert table.values.grad is not None
     assert not table.values.grad[0].any(), "no group is of the second cage, which has the first latent"
 
 
 def test_while_codes_come_first_the_decoder_reads_those_and_the_transformer_is_drawn_to_them() -> None:
     network = make_decoder("TriplaneDecoder", **spheres.SIZES, seed=0)
+    assert isinstance(network, TriplaneDecoder)
     table = LatentTable.drawn(tuple((name, -1) for name in "xyz"), 4, 1.0, seed=0)
     free = FreeCodes(PARTS, spheres.SIZES["code_dim"])
     with torch.no_grad():

@@ -241,10 +241,10 @@ def test_from_says_which_parts_of_the_other_shape_are_taken(session: Session) ->
     two, three = session.opened("two"), session.opened("three")
     theirs = answers(session, "three", three.cage)
     for pattern, wanted in (("leg_2", ("v", "v")), ("u|v", ("u", "v")), ("leg", ("u", "w")), ("seat", ("top", "top"))):
-        mixed = do(session, two, Mix(part="leg", style_of="three", **{"from": pattern}))
+        mixed = do(session, two, Mix.model_validate({"part": "leg", "style_of": "three", "from": pattern}))
         assert tuple(codes(session, mixed)[part] for part in "pq") == tuple(theirs[part] for part in wanted)
     # Between equal structures, too, where the part that corresponds is not among them.
-    other = do(session, session.opened("a"), Mix(part="arm", style_of="b", **{"from": "seat"}))
+    other = do(session, session.opened("a"), Mix.model_validate({"part": "arm", "style_of": "b", "from": "seat"}))
     assert codes(session, other)["arm"] == answers(session, "b", session.opened("b").cage)["seat"]
 
 
@@ -295,7 +295,7 @@ def test_undo_brings_the_very_bytes_back_without_asking(session: Session) -> Non
 
 def test_a_script_with_a_mix_leads_to_the_same_after_it_was_written(session: Session) -> None:
     script = (
-        Mix(part="leg_*", style_of="three", weight=0.5, **{"from": "leg_1|leg_3"}),
+        Mix.model_validate({"part": "leg_*", "style_of": "three", "weight": 0.5, "from": "leg_1|leg_3"}),
         Move(part="seat", by=(0.0, 0.02, 0.0)),
         Mix(part="seat", style_of="b", mirror=False, repeat=False),
     )

@@ -74,9 +74,10 @@ def test_a_stage_has_the_categories_and_arms_that_are_run_and_they_stand_in_one_
     content["run"] |= {"categories": ["chair"], "arms": ["deepsdf", "cagesdf"], "generators": ["deepsdf"]}
     sections = check(written(tmp_path, content))
     for stage in ("evaluate", "evaluate_progress", "evaluate_edits", "report"):
-        assert sections[stage].arms == ("deepsdf", "cagesdf")
-    assert sections["report"].categories == ("chair",)
-    assert sections["report"].generators == sections["evaluate_generation"].generators == ("deepsdf",)
+        assert sections[stage].model_dump()["arms"] == ("deepsdf", "cagesdf")
+    report, generation = (sections[stage].model_dump() for stage in ("report", "evaluate_generation"))
+    assert report["categories"] == ("chair",)
+    assert report["generators"] == generation["generators"] == ("deepsdf",)
     content["evaluate"]["arms"] = ["cage"]
     with pytest.raises(ParamsError, match=r"evaluate\.arms: stands under run"):
         check(written(tmp_path, content))

@@ -29,7 +29,7 @@ from cagesdf.solid import SHEET, as_manifold, union
 from cagesdf.structure.hierarchy import PartHierarchy
 
 WELD, THIN = 1e-5, 1e-4
-LIMITS = {"weld": WELD, "max_faces": 10**6, "max_parts": 150, "min_thickness": THIN}
+LIMITS: toy.Limits = {"weld": WELD, "max_faces": 10**6, "max_parts": 150, "min_thickness": THIN}
 SAME = Similarity(1.0, np.eye(3), np.zeros(3))
 
 
@@ -130,7 +130,9 @@ def test_a_shape_that_is_turned_moved_and_scaled_has_the_same_parts(turning, sca
 def test_every_vertex_lies_in_the_cuboid_of_a_part_whatever_the_shape(seed) -> None:
     rng = np.random.default_rng(seed)
     solids = [toy.box(rng.uniform(-1, 1, 3), rng.uniform(0.05, 1, 3)) for _ in range(4)]
-    solids += [toy.ball(rng.uniform(-1, 1, 3), rng.uniform(0.1, 0.6), 12), toy.rod(*rng.uniform(-1, 1, (2, 3)), 0.1)]
+    solids.append(toy.ball(rng.uniform(-1, 1, 3), rng.uniform(0.1, 0.6), 12))
+    start, end = rng.uniform(-1, 1, (2, 3))
+    solids.append(toy.rod(start, end, 0.1))
     mesh = union(solids) if seed % 2 else join(solids)
     cuboids = [fit_cuboid(part.vertices, 0.01, 1e-3) for part in found_meshes(mesh)]
     outside = [(np.abs((mesh.vertices - c.centre) @ c.axes.T) - c.size / 2).max(axis=1) for c in cuboids]
@@ -310,7 +312,17 @@ def test_parts_of_another_mesh_and_parts_that_leave_something_out_are_refused(tm
             import_shape(read_shape(source), "y", **LIMITS)
 
 
-PIECE = {"component": 0, "planes": [], "inside": [0, 0, 0]}
+PIECE: dict[str, object] = {"component": 0, "planes": [], "inside": [0, 0, 0]}
+CHANGES: list[tuple[dict[str, object], str]] = [
+    ({"component": True}, "as component, got True"),
+    ({"component": 1.5}, "as component, got 1.5"),
+    ({"planes": [[0, 0, 0, 1]]}, "normal of length 1"),
+    ({"planes": [[0, 1, 0]]}, "wanted 4 numbers"),
+    ({"planes": "x"}, "list of at most 1,000 planes"),
+    ({"inside": [0, 0]}, "wanted 3 numbers"),
+    ({"inside": [0, 0, float("nan")]}, "wanted finite numbers"),
+    ({"inside": [0, 0, 10**400]}, "wanted finite numbers"),
+]
 HOSTILE = {
     "[": "is no JSON",
     "[" * 100_000: "is no JSON",
@@ -325,16 +337,7 @@ HOSTILE = {
     json.dumps({"components": 1, "parts": 2 * [{"name": "a", "pieces": [PIECE]}]}): "two parts are called 'a'",
     **{
         json.dumps({"components": 1, "parts": [{"name": "a", "pieces": [PIECE | change]}]}): message
-        for change, message in [
-            ({"component": True}, "as component, got True"),
-            ({"component": 1.5}, "as component, got 1.5"),
-            ({"planes": [[0, 0, 0, 1]]}, "normal of length 1"),
-            ({"planes": [[0, 1, 0]]}, "wanted 4 numbers"),
-            ({"planes": "x"}, "list of at most 1,000 planes"),
-            ({"inside": [0, 0]}, "wanted 3 numbers"),
-            ({"inside": [0, 0, float("nan")]}, "wanted finite numbers"),
-            ({"inside": [0, 0, 10**400]}, "wanted finite numbers"),
-        ]
+        for change, message in CHANGES
     },
 }
 

@@ -1,6 +1,6 @@
 """The plan before a run: counts are exact, times are the measurement's, scaled."""
 
-from collections.abc import Iterator
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -138,10 +138,9 @@ def test_a_plan_measures_the_stages_themselves_and_a_slower_clock_gives_a_slower
     content, asked = profile_content("tiny"), sections(tmp_path, "tiny")
     totals = []
     for tick in (10.0, 30.0):
-        ticks: Iterator[int] = count()
         folder = tmp_path / str(tick)
         folder.mkdir()
-        measured = measure(content, folder, lambda ticks=ticks, tick=tick: tick * next(ticks))
+        measured = measure(content, folder, partial(next, map(tick.__mul__, count())))
         rows = estimate(measured, asked, 1, 1)
         assert [row.stage for row in rows][:2] == ["synthesize", "import_shapes"]
         # Each run takes a tick by this clock; of trainings the difference of two counts, which is none.

@@ -325,7 +325,7 @@ def mutated(text: str, rng: Random) -> bytes:
     for _ in range(rng.choice((1, 1, 2, 4))):
         i, j = (rng.randrange(len(lines)) for _ in range(2))
         words = re.split(r"([\w.+-]+)", lines[i])
-        words[rng.randrange(len(words))] = rng.choice(WORDS)
+        words[rng.randrange(len(words))] = rng.choice(FRAGMENTS)
         lines[i : i + 1] = rng.choice(
             ([], ["".join(words)], [lines[j]], [lines[i]] * rng.choice((2, 500)), [lines[i][: rng.randrange(40)]])
         ) or [""]
@@ -336,7 +336,7 @@ def mutated(text: str, rng: Random) -> bytes:
     return bytes(flipped)
 
 
-WORDS = (
+FRAGMENTS = (
     "1e308", "-1e309", "nan", "1e-320", "9" * 5000, "256", "257", "bbox", "Program_0", "cube0", "X", "True", "attach",
     "squeeze", "reflect", "translate", "Cuboid", "Assembly", "{", "}", "(", ",", "#", "\u0660", "\ufeff",
     "\u2028", "\x00",
@@ -345,7 +345,8 @@ ENCODINGS = ("utf-8", "utf-8", "utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf
 
 
 def test_any_mutated_file_is_a_program_that_executes_and_is_signed_or_a_program_error(tmp_path: Path) -> None:
-    rng, path, outcomes = Random(14), tmp_path / "p.txt", Counter()
+    rng, path = Random(14), tmp_path / "p.txt"
+    outcomes: Counter[str] = Counter()
     for _ in range(250):
         path.write_bytes(mutated(str(rng.choice((programs.CHAIR, programs.GROWN))), rng))
         try:

@@ -9,6 +9,7 @@ import programs
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
@@ -37,9 +38,9 @@ def run(*lines: str, size: str = "2, 2, 2") -> Cage:
     return execute(parse("\n".join(["Assembly P {", f"bbox = Cuboid({size}, True)", *lines, "}"])))
 
 
-def assert_is(cuboid: Cuboid, centre: object, size: object, axes: object = EYE) -> None:
+def assert_is(cuboid: Cuboid, centre: ArrayLike, size: ArrayLike, axes: ArrayLike = EYE) -> None:
     for found, wanted in ((cuboid.centre, centre), (cuboid.size, size), (cuboid.axes, axes)):
-        np.testing.assert_allclose(found, wanted, atol=1e-6)
+        np.testing.assert_allclose(found, np.asarray(wanted), atol=1e-6)
 
 
 def point(cuboid: Cuboid, place: object) -> np.ndarray:
@@ -66,7 +67,7 @@ def test_the_first_attachment_moves() -> None:
 
 
 POLE = ["a = Cuboid(0.1, 1, 0.2, False)", "attach(a, bbox, 0.5, 0, 0.5, 0.5, 0, 0.5)"]
-LEANING = [[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]]  # in the direction (0.6, 0.8, 0), by the least rotation
+LEANING = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])  # in the direction (0.6, 0.8, 0), by the least rotation
 
 
 def test_the_second_attachment_turns_and_keeps_the_length_that_fits() -> None:
@@ -281,7 +282,11 @@ def test_the_nearest_lattice_points_are_those_of_an_exhaustive_search(seed: int,
     rng = np.random.default_rng(seed)
     a, b = (Body(name, tuple(rng.uniform(0.1, 1, 3).tolist()), True) for name in "ab")
     a.axes = UPRIGHT
-    b.axes = tuple(map(tuple, Rotation.random(random_state=seed).as_matrix().tolist())) if turned else UPRIGHT
+    if turned:
+        x, y, z = (tuple(axis) for axis in Rotation.random(random_state=seed).as_matrix().tolist())
+        b.axes = x, y, z
+    else:
+        b.axes = UPRIGHT
     a.centre = (0.0, 0.0, 0.0) if tied else tuple(rng.uniform(-1, 1, 3).tolist())
     assert _nearest_lattice_places(a, b) == slow_nearest(a, b)
 

@@ -58,7 +58,7 @@ def line(mean: float) -> dict[str, dict[str, float]]:
 
 
 TABLE = {"chair": {"cagesdf": line(0.5), "deepsdf": line(0.25), "cage": line(0.125), "ground_truth": line(0.0625)}}
-NO_EDITS = {"about": {}, "categories": {}}
+NO_EDITS: dict[str, dict[str, object]] = {"about": {}, "categories": {}}
 GAIN = {"median": 0.75, "q25": 0.5, "q75": 0.9, "mean": 0.7, "max": 0.95, "positive": 0.9, "n": 67}
 MOVED = {"median": 0.0, "q25": 0.0, "q75": 0.0, "mean": 0.25, "max": 1.5, "n": 16}
 EDITED = {
@@ -71,7 +71,7 @@ COURSE = [
     {"points": 10, "held_out": True, "surface_distance": 1.0, "cd_deepsdf": 0.1, "nc_signed": 0.5},
     {"points": 40, "held_out": True, "surface_distance": 0.1, "cd_deepsdf": 0.01, "nc_signed": 0.9},
 ]
-NO_PROGRESS = {"about": {}, "categories": {}}
+NO_PROGRESS: dict[str, dict[str, object]] = {"about": {}, "categories": {}}
 NO_TABLE3 = gather_generation({})
 SETS = {"train": 3, "validation": 1, "drawn": 9, "shapes_a_draw": 4, "noise": {"unsquared": 0.0361, "squared": 0.002}}
 
@@ -214,11 +214,13 @@ def test_the_best_gain_of_the_arms_is_marked_and_who_cannot_be_edited_says_why(p
     assert figures.NOT_EDITED in text
     assert re.search(r'<td class="best">0\.750<small>0\.50 to 0\.90</small>', page)
     assert not re.search(r'class="best">0\.875', page), "a reference"
-    assert "swap, %" not in re.search(r"<h3>Edits</h3>.*?</table>", page, re.DOTALL).group(), "nobody has that figure"
+    table = re.search(r"<h3>Edits</h3>.*?</table>", page, re.DOTALL)
+    assert table is not None
+    assert "swap, %" not in table.group(), "nobody has that figure"
 
 
 def test_a_page_without_figures_pictures_or_curves_still_stands(tmp_path: Path) -> None:
-    bare = Category("stool", 0, 0, {}, BOUNDING, *[NOTHING] * 7, {})
+    bare = Category("stool", 0, 0, {}, BOUNDING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, {})
     write_page(
         tmp_path / "index.html",
         {"about": {}, "table1": {}, "table2": {}, "edits": NO_EDITS, "progress": NO_PROGRESS, "table3": NO_TABLE3},
@@ -337,11 +339,11 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         cage = Cage(shape.structure.parts(), (low + high) / 2, np.tile(np.eye(3), (len(low), 1, 1)), high - low)
         cages = tuple(scaled_cage(cage, np.array([1, 1 + 0.1 * i * t, 1])) for t in (0, 1, 2))
         sequences.append(Sequence(shape.shape_id, None, np.array([0, 0.5, 1]), (False, True, False), cages))
-    cages = {s.shape_id: s.cages[0] for s in sequences}
+    rest = {s.shape_id: s.cages[0] for s in sequences}
     with artefact.write("cuboids", folder / "cuboids" / "stool", inputs={}, params=PARAMS) as out:
         inside = np.zeros(5)
         fits = {
-            name: FittedCage(cage, None, inside, inside, inside, inside + 1, 0.0, 0.0) for name, cage in cages.items()
+            name: FittedCage(cage, None, inside, inside, inside, inside + 1, 0.0, 0.0) for name, cage in rest.items()
         }
         write_cuboids(out, fits)
     with artefact.write("sequences", folder / "sequences" / "stool", inputs={}, params=PARAMS) as out:
@@ -369,7 +371,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with artefact.write("edits", folder / "edits" / "stool", inputs={}, params=PARAMS) as out:
         rows = [edit("cagesdf", shapes[i], shapes[i - 1], gain) for i, gain in enumerate(GAINS)]
         write_edits(out / "edits.parquet", rows, {"version": 1})
-        write_edit_surfaces(out, {("cagesdf", row["trial_id"]): toy.ball([0, 0, 0], 1) for row in rows})
+        write_edit_surfaces(out, {("cagesdf", str(row["trial_id"])): toy.ball([0, 0, 0], 1) for row in rows})
     with artefact.write("trials", folder / "trials" / "stool", inputs={}, params=PARAMS) as out:
         parts = [[part.mesh for part in shape.parts] for shape in shapes]
         trials = [
@@ -507,8 +509,10 @@ def test_numbers_below_a_chart_are_round_begin_at_zero_and_reach_nearly_to_its_e
 
 def test_the_sequence_shown_is_the_one_that_moves_most(data: Path) -> None:
     places = {"cagesdf": data / "meshes" / "stool" / "cagesdf"}
-    sources = (data / kind / "stool" for kind in ("shapes", "cuboids", "sequences", "trials"))
-    category = read_category(*sources, places, {}, data / "edits" / "stool", {}, data / "generation" / "stool", 9, 2)
+    kinds = ("shapes", "cuboids", "sequences", "trials")
+    shapes, cuboids, sequences, trials = (data / kind / "stool" for kind in kinds)
+    edits, generation = data / "edits" / "stool", data / "generation" / "stool"
+    category = read_category(shapes, cuboids, sequences, trials, places, {}, edits, {}, generation, 9, 2)
     assert category.comparison.names == ("stool_0", "stool_1", "stool_2")
     heights = [np.ptp(scene.points()[:, 1]) for scene in category.sequence.scenes[1] if scene]
     assert heights[2] == pytest.approx(1.4 * heights[0])

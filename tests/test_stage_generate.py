@@ -96,7 +96,9 @@ def test_methods_share_cages_and_each_shape_has_its_surface_in_them(arms: Path, 
         assert points.shape == (100, 3)
         assert np.abs(cage.signed_distance(points).min(axis=1)).max() < 0.05, "full cuboids are the surface"
         assert (row["rooted"], row["stable"]) == (rooted(cage), stable(cage))
-        assert found.structure(method, shape_id).signature() == STRUCTURES["stool_0"].signature()
+        structure = found.structure(method, shape_id)
+        assert structure is not None
+        assert structure.signature() == STRUCTURES["stool_0"].signature()
     assert found.about["methods"]["dependent"]["kernels"] == 4
     said = capsys.readouterr().out
     assert "dependent: 4 shapes, 4 with a surface" in said

@@ -168,7 +168,10 @@ def test_methods_with_few_shapes_have_a_row_and_change_nobody_elses(
     tmp_path: Path, done: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CAGESDF_WORKERS", "1")
-    few = {"none": {"dependent": [], "independent": []}, "one": {"dependent": [TRAIN[2]], "independent": [NOTHING]}}
+    few: dict[str, dict[str, list[Mesh]]] = {
+        "none": {"dependent": [], "independent": []},
+        "one": {"dependent": [TRAIN[2]], "independent": [NOTHING]},
+    }
     rows, about = read_generation(run(write_inputs(tmp_path, OTHERS, MADE | few), tmp_path / "out" / "stool"))
     found = {(row["arm"], row["method"], row["draw"]): row for row in rows}
     before = {(row["arm"], row["method"], row["draw"]): row for row in read_generation(done)[0]}

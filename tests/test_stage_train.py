@@ -40,6 +40,9 @@ def arm(name: str, **changes: object) -> TrainParams:
     return params.model_copy(update={**SMALL, **changes})
 
 
+Inputs = tuple[Path, Path, Path, Path]  # points, shapes, cuboids, sequences
+
+
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Checkpoints go to the current folder."""
@@ -48,12 +51,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def inputs(tmp_path: Path) -> tuple[Path, ...]:
+def inputs(tmp_path: Path) -> Inputs:
     params = Params(format=1)
     names = sorted(spheres.RADII)
     shapes = [toy.stool(name) for name in names]
     toy.write_shapes_artefact(tmp_path / "shapes", shapes)
-    paths = tuple(tmp_path / name for name in ("points", "shapes", "cuboids", "sequences"))
+    paths: Inputs = tmp_path / "points", tmp_path / "shapes", tmp_path / "cuboids", tmp_path / "sequences"
     with artefact.write("cuboids", paths[2], inputs={}, params=params) as folder:
         write_cuboids(folder, {})
     with artefact.write("sequences", paths[3], inputs={}, params=params) as folder:
@@ -74,7 +77,7 @@ ARMS = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))["run"]
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path, ...], tmp_path: Path) -> None:
+def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: Inputs, tmp_path: Path) -> None:
     main(*inputs, out=tmp_path / name, params=arm(name))
     run = read_run(tmp_path / name)
     assert run.params["decoder"] == type(run.decoder).__name__ == arm(name).decoder
@@ -96,7 +99,7 @@ def test_every_arm_trains_and_its_run_can_be_read(name: str, inputs: tuple[Path,
     ],
 )
 def test_the_stage_says_which_points_it_trained_on(
-    name: str, where: str, inputs: tuple[Path, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, where: str, inputs: Inputs, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(*inputs, out=tmp_path / "run", params=arm(name))
     used = read_run(tmp_path / "run").points["used"]
@@ -107,7 +110,7 @@ def test_the_stage_says_which_points_it_trained_on(
 def test_an_interrupted_stage_leaves_no_output_and_resumed_gives_the_same_bytes(
     memory: str,
     way: type[Batches],
-    inputs: tuple[Path, ...],
+    inputs: Inputs,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -141,7 +144,7 @@ def test_an_interrupted_stage_leaves_no_output_and_resumed_gives_the_same_bytes(
 
 
 def test_streaming_trains_on_as_many_points_and_says_so(
-    inputs: tuple[Path, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    inputs: Inputs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(*inputs, out=tmp_path / "loaded", params=arm("deepsdf"))
     monkeypatch.setenv("CAGESDF_MEMORY", "1K")
@@ -153,7 +156,7 @@ def test_streaming_trains_on_as_many_points_and_says_so(
 
 
 def test_a_checkpoint_of_other_parameters_inputs_or_way_of_reading_is_not_taken_up(
-    inputs: tuple[Path, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    inputs: Inputs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def kept(*_: object) -> None:
         raise KeyboardInterrupt
@@ -172,7 +175,7 @@ def test_a_checkpoint_of_other_parameters_inputs_or_way_of_reading_is_not_taken_
 
 
 def test_a_shape_whose_cuboids_follow_from_a_program_has_it_as_it_was_fitted_and_labelled(
-    inputs: tuple[Path, ...], tmp_path: Path
+    inputs: Inputs, tmp_path: Path
 ) -> None:
     """Its structure as it was read is that of the program before it was fitted."""
     place = Similarity(2.0, np.eye(3), np.zeros(3))
@@ -192,9 +195,7 @@ def test_a_shape_whose_cuboids_follow_from_a_program_has_it_as_it_was_fitted_and
     assert structures["small"].to_json() == shapes[1].structure.to_json()
 
 
-def test_inputs_of_the_wrong_kind_and_points_without_cages_are_refused_by_name(
-    inputs: tuple[Path, ...], tmp_path: Path
-) -> None:
+def test_inputs_of_the_wrong_kind_and_points_without_cages_are_refused_by_name(inputs: Inputs, tmp_path: Path) -> None:
     points, shapes, cuboids, sequences = inputs
     with pytest.raises(artefact.ArtefactError, match="holds 'shapes', wanted 'points'"):
         main(shapes, shapes, cuboids, sequences, out=tmp_path / "run", params=arm("cagesdf"))

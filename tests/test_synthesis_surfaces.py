@@ -1,5 +1,8 @@
 """Surfaces of procedural parts: closed, in their cuboid, and unlike each other."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -25,51 +28,54 @@ LONG, LYING, FLAT, STANDING = (
     np.array(s) for s in ([0.07, 0.5, 0.08], [0.5, 0.07, 0.08], [0.5, 0.07, 0.45], [0.4, 0.45, 0.09])
 )
 TALL = np.array([0.5, 0.6, 0.45])
+MOUTHS = ("waisted", "trumpet", "funnel")
 
 
 def outline(size: np.ndarray) -> np.ndarray:
     return rounded_rectangle(size[0] / 2, size[2] / 2, 0.03, 64)
 
 
+def slab(size: np.ndarray, edge: str, top: str) -> Mesh:
+    return slabs.slab(size, outline(size), edge, top, FURNITURE)
+
+
 # name → (size, function of size)
-SURFACES = {
-    **{f"leg {k}": (LONG, lambda s, p=p: members.member(s, p, FURNITURE)) for k, p in members.LEGS.items()},
-    **{f"post {k}": (LONG, lambda s, p=p: members.member(s, p, FURNITURE)) for k, p in members.POSTS.items()},
-    **{f"rail {k}": (LYING, lambda s, p=p: members.rail(s, p, FURNITURE)) for k, p in members.RAILS.items()},
-    **{f"apron {k}": (LYING, lambda s, k=k: members.apron(s, k, FURNITURE)) for k in ("arched", "waved")},
-    **{f"column {k}": (TALL, lambda s, k=k: members.column(s, k, FURNITURE)) for k in ("turned", "square")},
+SURFACES: dict[str, tuple[np.ndarray, Callable[[np.ndarray], Mesh]]] = {
+    **{f"leg {k}": (LONG, partial(members.member, shaping=p, factors=FURNITURE)) for k, p in members.LEGS.items()},
+    **{f"post {k}": (LONG, partial(members.member, shaping=p, factors=FURNITURE)) for k, p in members.POSTS.items()},
+    **{f"rail {k}": (LYING, partial(members.rail, shaping=p, factors=FURNITURE)) for k, p in members.RAILS.items()},
+    **{f"apron {k}": (LYING, partial(members.apron, kind=k, factors=FURNITURE)) for k in ("arched", "waved")},
+    **{f"column {k}": (TALL, partial(members.column, kind=k, factors=FURNITURE)) for k in ("turned", "square")},
     "hoop": (np.array([0.05, 0.25, 0.4]), lambda s: members.hoop(s, FURNITURE)),
     "bow": (np.array([0.45, 0.5, 0.04]), lambda s: members.bow(s, FURNITURE)),
-    **{
-        f"slab {e} {t}": (FLAT, lambda s, e=e, t=t: slabs.slab(s, outline(s), e, t, FURNITURE))
-        for e in slabs.EDGES
-        for t in slabs.TOPS
-    },
+    **{f"slab {e} {t}": (FLAT, partial(slab, edge=e, top=t)) for e in slabs.EDGES for t in slabs.TOPS},
     "cushion": (FLAT, lambda s: slabs.cushion(s, FURNITURE)),
     "upholstered": (FLAT, lambda s: slabs.upholstered(s, outline(s), FURNITURE)),
     "thin slab": (np.array([0.5, 0.03, 0.45]), lambda s: slabs.slab(s, outline(s), "rounded", "sunk", FURNITURE)),
     "thick slab": (np.array([0.5, 0.14, 0.45]), lambda s: slabs.slab(s, outline(s), "ogee", "domed", FURNITURE)),
     **{
-        f"panel {k}": (STANDING, lambda s, k=k: slabs.panel(s, k, FURNITURE))
+        f"panel {k}": (STANDING, partial(slabs.panel, kind=k, factors=FURNITURE))
         for k in ("bent", "pierced", "slatted", "cushioned")
     },
     **{
-        f"splat {k}": (np.array([0.2, 0.5, 0.08]), lambda s, k=k: slabs.splat(s, k, FURNITURE))
+        f"splat {k}": (np.array([0.2, 0.5, 0.08]), partial(slabs.splat, kind=k, factors=FURNITURE))
         for k in ("bent", "pierced")
     },
-    **{f"slat {k}": (LYING, lambda s, k=k: slabs.slat(s, k, FURNITURE)) for k in ("bent", "pierced", "slatted")},
+    **{f"slat {k}": (LYING, partial(slabs.slat, kind=k, factors=FURNITURE)) for k in ("bent", "pierced", "slatted")},
     "grid": (FLAT, lambda s: slabs.grid(s, FURNITURE)),
     "front": (np.array([0.3, 0.15, 0.08]), lambda s: slabs.front(s, "round", FURNITURE)),
     "case": (TALL, lambda s: slabs.case(s, FURNITURE)),
     "disc": (FLAT, lambda s: slabs.disc(s, FURNITURE)),
-    **{f"body {k}": (TALL, lambda s, k=k: vessels.body(s, k, 0.5, 0.4, VESSEL)) for k in vessels.BODIES},
-    **{f"neck {k}": (TALL / 3, lambda s, k=k: vessels.neck(s, k, VESSEL)) for k in ("waisted", "trumpet", "funnel")},
-    **{f"lip {k}": (FLAT / 2, lambda s, k=k: vessels.lip(s, k, VESSEL)) for k in ("waisted", "trumpet", "funnel")},
-    **{f"foot {k}": (FLAT / 2, lambda s, k=k: vessels.foot(s, k, VESSEL)) for k in vessels.BODIES},
-    **{f"lid {k}": (FLAT, lambda s, k=k: vessels.lid(s, k, VESSEL)) for k in vessels.BODIES},
-    **{f"knob {k}": (TALL / 6, lambda s, k=k: vessels.knob(s, k, VESSEL)) for k in vessels.BODIES},
+    **{f"body {k}": (TALL, partial(vessels.body, kind=k, foot=0.5, mouth=0.4, factors=VESSEL)) for k in vessels.BODIES},
     **{
-        f"handle {k}": (np.array([0.06, 0.3, 0.2]), lambda s, k=k: vessels.handle(s, k, VESSEL))
+        f"neck {k}": (TALL / 3, partial(vessels.neck, kind=k, factors=VESSEL)) for k in ("waisted", "trumpet", "funnel")
+    },
+    **{f"lip {k}": (FLAT / 2, partial(vessels.lip, kind=k, factors=VESSEL)) for k in MOUTHS},
+    **{f"foot {k}": (FLAT / 2, partial(vessels.foot, kind=k, factors=VESSEL)) for k in vessels.BODIES},
+    **{f"lid {k}": (FLAT, partial(vessels.lid, kind=k, factors=VESSEL)) for k in vessels.BODIES},
+    **{f"knob {k}": (TALL / 6, partial(vessels.knob, kind=k, factors=VESSEL)) for k in vessels.BODIES},
+    **{
+        f"handle {k}": (np.array([0.06, 0.3, 0.2]), partial(vessels.handle, kind=k, factors=VESSEL))
         for k in ("ear", "strap", "curl")
     },
     "ring": (np.array([0.06, 0.2, 0.15]), lambda s: vessels.ring(s, 0.0)),

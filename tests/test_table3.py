@@ -1,5 +1,7 @@
 """Table 3: gathered per category and method, ordered as the paper's is, and shown beside it."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -48,7 +50,9 @@ def test_methods_are_ordered_by_the_lowest_figure_and_the_papers_stand_beside_th
 
 
 def test_files_that_were_measured_differently_are_refused() -> None:
-    files = {name: ([], {**ABOUT, "points": n, "sets": SETS}) for n, name in enumerate(("chair", "table"))}
+    files: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
+        name: ([], {**ABOUT, "points": n, "sets": SETS}) for n, name in enumerate(("chair", "table"))
+    }
     with pytest.raises(InputError, match="all measured alike; rerun evaluate_generation"):
         gather_generation(files)
 

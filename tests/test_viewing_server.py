@@ -4,6 +4,7 @@ import queue
 import socket
 from collections.abc import Iterator
 from email.message import Message
+from functools import partial
 from urllib.request import Request, urlopen
 
 import pytest
@@ -58,7 +59,8 @@ def test_other_sockets_of_the_process_are_left_alone(monkeypatch: pytest.MonkeyP
     plain, seen = sockets.serve, []
 
     def opened(self: viser.ViserServer, *arguments: object, **options: object) -> None:
-        seen.append((sockets.serve, infra.websockets.asyncio.server.serve.keywords))
+        theirs: partial = infra.websockets.asyncio.server.serve  # type: ignore[assignment]
+        seen.append((sockets.serve, theirs.keywords))
 
     monkeypatch.setattr(viser.ViserServer, "__init__", opened)
     library = infra.websockets

@@ -1,6 +1,7 @@
 """Shapes built in code: small, closed, of known structure."""
 
 from pathlib import Path
+from typing import TypedDict
 
 import manifold3d
 import numpy as np
@@ -73,6 +74,15 @@ def generated(method: str, shape_id: str, mesh: Mesh, points: np.ndarray, compon
         "ok" if len(mesh.faces) else "empty", mesh, components, 0.0, 1, rooted=False, stable=False, points=points,
         parts={"shape": mesh},
     )  # fmt: skip
+
+
+class Limits(TypedDict):
+    """Limits of `import_shape`, in canonical units."""
+
+    weld: float
+    max_faces: int
+    max_parts: int
+    min_thickness: float
 
 
 def write_shapes_artefact(out: Path, shapes: list[Shape]) -> Path:

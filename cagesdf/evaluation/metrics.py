@@ -16,17 +16,17 @@ UNITS = "canonical units"
 
 @dataclass(frozen=True)
 class Metric:
-    """What all metrics have."""
+    """Key, title, unit, direction and meaning of a figure."""
 
     key: str  # its name in scores and tables
     title: str  # of its column in the report
-    unit: str  # "" of shares and cosines
+    unit: str  # "" for shares and cosines
     higher: bool  # whether more is better
     meaning: str
 
     @property
     def variants(self) -> dict[str, str]:
-        """What it is measured of, in words, by the keys of its figures: "" for the whole surface."""
+        """The measured part of the surface, in words, by figure key; "" stands for the whole surface."""
         return {self.key: ""}
 
 
@@ -34,21 +34,21 @@ class Metric:
 class PointMetric(Metric):
     """A metric of distances and normals at points; `_detail` is the same of detail alone."""
 
-    # From the true surface to the predicted one, back, and the longest side (canonical). Of a surface without faces:
-    # of `surfaces.nowhere`.
+    # Arguments: from the true surface to the predicted one, back, and the longest side (canonical). A surface without
+    # faces has the directions of `surfaces.nowhere`.
     of: Callable[[Direction, Direction, float], float]
     own: bool = False  # whether `_own` is measured too: against true parts that followed their own cuboids alone
 
     @property
     def variants(self) -> dict[str, str]:
         """The whole surface, against parts that followed their own cuboids where that is measured, and detail."""
-        own = {f"{self.key}_own": "own cuboids"} if self.own else {}
-        return {self.key: "", **own, f"{self.key}_detail": "detail"}
+        own_cuboids = {f"{self.key}_own": "own cuboids"} if self.own else {}
+        return {self.key: "", **own_cuboids, f"{self.key}_detail": "detail"}
 
 
 @dataclass(frozen=True)
 class SurfaceMetric(Metric):
-    """A metric of whole surfaces, a surface without faces has `worst`."""
+    """A metric of whole surfaces; a surface without faces gets `worst`."""
 
     of: Callable[[Measured, Measured], float]  # of the predicted and the true surface
     worst: ClassVar[float] = 0.0
@@ -65,35 +65,35 @@ def completeness(forth: Direction, back: Direction, side: float) -> float:
 
 
 def surface_distance(forth: Direction, back: Direction, side: float) -> float:
-    """The mean of the two."""
+    """Mean of `accuracy` and `completeness`, % of side."""
     return (completeness(forth, back, side) + accuracy(forth, back, side)) / 2
 
 
 def squared_chamfer(forth: Direction, back: Direction, side: float) -> float:
-    """DeepSDF's Chamfer distance: of squared distances between samples, both directions summed."""
-    return sum(float((way.sample**2).mean()) for way in (forth, back))
+    """DeepSDF's Chamfer distance: mean squared distance between samples, both directions summed."""
+    return sum(float((direction.sample**2).mean()) for direction in (forth, back))
 
 
 def plain_chamfer(forth: Direction, back: Direction, side: float) -> float:
-    """Chamfer distance of distances between samples, mean of both directions."""
-    return sum(float(way.sample.mean()) for way in (forth, back)) / 2
+    """Chamfer-L1 distance: mean distance between samples, mean of both directions."""
+    return sum(float(direction.sample.mean()) for direction in (forth, back)) / 2
 
 
 def normal_consistency(forth: Direction, back: Direction, side: float) -> float:
     """Mean |cosine| between normals."""
-    return sum(float(way.aligned.mean()) for way in (forth, back)) / 2
+    return sum(float(direction.aligned.mean()) for direction in (forth, back)) / 2
 
 
 def signed_consistency(forth: Direction, back: Direction, side: float) -> float:
     """Mean cosine between normals."""
-    return sum(float(way.cosine.mean()) for way in (forth, back)) / 2
+    return sum(float(direction.cosine.mean()) for direction in (forth, back)) / 2
 
 
 def f_score(threshold: float) -> Callable[[Direction, Direction, float], float]:
     """F-score with a threshold that is a share of the longest side."""
 
     def score(forth: Direction, back: Direction, side: float) -> float:
-        recall, precision = (float((way.distance < threshold * side).mean()) for way in (forth, back))
+        recall, precision = (float((direction.distance < threshold * side).mean()) for direction in (forth, back))
         return 2 * recall * precision / (recall + precision) if recall + precision else 0.0
 
     return score

@@ -1,16 +1,16 @@
-"""From a network, the codes of parts and a cage to closed solids and their union (§3.6).
+"""Closed solids of parts and their union, from a network, the parts' codes and a cage (§3.6).
 
-Each cuboid is asked on a lattice of its own, along its own axes, and there only where a surface can
-be. What lies beyond its faces is outside, so that the solid ends on them exactly: parts that fill their cuboids have
+The network is evaluated on a lattice of each cuboid, along its own axes, and there only where a surface
+can be. Points beyond its faces are outside, so that the solid ends on them exactly: parts that fill their cuboids have
 flat faces and sharp edges, and nothing lies outside. The shape is the exact union of its parts.
 
 lattice.py    the points of a cuboid
 field.py      a decoder with a cage and the codes of its parts
 asking.py     sparse or dense
-marching.py   from values to a surface, and its vertices to the zero set
+marching.py   a surface from values, its vertices moved to the zero set
 merging.py    fewer vertices where it is nearly flat
 part.py       the closed solid of a part
-promises.py   what is promised of every surface
+promises.py   invariants of every surface
 surface.py    `extract`, and `LiveSurface` for edits
 """
 

@@ -1,4 +1,4 @@
-"""Which points of a cuboid's lattice the network is asked at."""
+"""Choice of the points of a cuboid's lattice at which the network is evaluated."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from numpy import ndarray
 
 from cagesdf.extraction.lattice import Lattice
 
-# A value settles the sign of the points that are nearer than its size over this: 1 for a true
-# distance, the rest for a network's slope.
+# abs(value) / LIPSCHITZ bounds the distance to the surface. 1 would do for an exact SDF; the rest leaves room for
+# networks that are steeper.
 LIPSCHITZ = 1.5
 # Between two neighbours of one sign on the last halving along an axis, the value counts as at most this much
 # nearer to 0 than their mean, in steps between points: as if the slope changed by no more than twice that.
@@ -22,7 +22,7 @@ BEND = 1.0
 # that fill their cuboids end there, and rounding would chamfer their edges by a cell.
 FILLED = 0.05
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
-POSITIVE = np.float32(1)  # what is beyond the faces
+POSITIVE = np.float32(1)  # value beyond the faces
 
 Ask = Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]  # of points of a lattice, by their indices
 Triple = tuple[int, ...]  # a number for each axis
@@ -42,7 +42,7 @@ Method = Callable[[Ask, float, Lattice], Answers]
 
 
 def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
-    """Ask at every point."""
+    """Evaluate the network at every point."""
     values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
     places = np.argwhere(np.ones(lattice.shape, bool))
     values[INNER] = answered(ask, lattice, places).reshape(lattice.shape)
@@ -56,7 +56,7 @@ def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32
 
 
 def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
-    """Ask at the points that may lie next to the network's surface, coarse to fine; values are at most `reach`.
+    """Evaluate the points that may lie next to the network's surface, coarse to fine; values are at most `reach`.
 
     The lattice is halved again and again, along each axis so often that its coarsest steps are about as long as what a
     value can settle. A point of it is asked unless an earlier one has settled it: a value v says that the surface is no
@@ -95,7 +95,7 @@ def first_strides(lattice: Lattice, reach: float) -> Triple:
 
 
 def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
-    """Strides and first point of sublattices that have each point once: all multiples, then what is halfway between.
+    """Strides and first point of sublattices that have each point once: all multiples, then points halfway between.
 
     Of the points halfway along one, two or three axes, the former come first: they settle some of the latter.
     """
@@ -137,12 +137,12 @@ def settle(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, ste
 
 
 def _every(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple) -> Float32[ndarray, "a b c"]:
-    """A view of every so many points along each axis, from a first one on."""
+    """A view of the points at `strides` along each axis, from `first` on."""
     return bound[tuple(map(slice, first, bound.shape, strides))]
 
 
 def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]) -> None:
-    """Ask at both ends of all edges with two signs, and go on from those whose sign was another than was concluded.
+    """Evaluate both ends of all edges with two signs, and go on from ends whose sign was concluded wrongly.
 
     The arrays have a layer of known points around the lattice, and are completed.
     """

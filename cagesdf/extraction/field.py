@@ -16,13 +16,13 @@ from cagesdf.models.codes import part_codes
 from cagesdf.models.decoders import Decoder
 
 GROUP = 960  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
-ROWS = 96  # numbers of points are rounded up to this: libraries compute what is left over of their blocks otherwise
-# Where decoders are asked that don't know cuboids.
+ROWS = 96  # numbers of points are rounded up to multiples: libraries compute incomplete blocks otherwise
+# The cage of decoders that don't know cuboids.
 CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
 
 
 class CageField:
-    """A signed distance for each cuboid of a cage, of which the union of what they hold is the shape."""
+    """A signed distance for each cuboid of a cage; the shape is the union of the solids within the cuboids."""
 
     def __init__(
         self, decoder: Decoder, codes: Float[Tensor, "p k"], cage: Cage, evaluated: Cage | None = None
@@ -36,10 +36,10 @@ class CageField:
         self.codes = codes
         self.cage = cage
         self.evaluated = cage if evaluated is None else evaluated
-        self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and what it does to the layers
+        self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and the conditioning of the layers
 
     def keys(self) -> tuple[bytes, ...]:
-        """For each cuboid, all that its values follow from but the decoder."""
+        """A key for each cuboid: everything that determines its values, except the decoder."""
         codes, cuboids = self.codes.cpu().numpy(), np.hstack([self.cage.vectors(), self.evaluated.size])
         return tuple(code.tobytes() + numbers.tobytes() for code, numbers in zip(codes, cuboids))
 
@@ -96,8 +96,8 @@ class CageField:
 def field_of(decoder: Decoder, latent: Float[Tensor, " d"], cage: Cage, seen: Cage | None = None) -> CageField:
     """The field of a decoder with a latent and a cage; parts have the codes of the cage `seen`, if that is another one.
 
-    A decoder that doesn't know cuboids (DeepSDF) is asked in one, the cube [-HALF_EXTENT, HALF_EXTENT]³; the cages play
-    no part.
+    A decoder that doesn't know cuboids (DeepSDF) is evaluated in one, the cube [-HALF_EXTENT, HALF_EXTENT]³; the cages
+    play no part.
     """
     if decoder.trains_on == "cube":
         cage = seen = CUBE

@@ -1,4 +1,4 @@
-"""The points of one cuboid that a field is asked at."""
+"""The lattice of one cuboid on which a field is evaluated."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cuboid
 
-WHOLE = 1e-9  # a length of so much more than a number of cells has no further one: rounding
+WHOLE = 1e-9  # cells: a length that exceeds a number of cells by less has no further one, since rounding explains it
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Lattice:
 
     @property
     def steps(self) -> Float[ndarray, " 3"]:
-        """From a point to the next along each axis, canonical units."""
+        """Distance of neighbouring points along each axis, canonical units."""
         return self.cuboid.size / self.cells
 
     def unit_axes(self) -> list[Float[ndarray, " _"]]:
@@ -39,7 +39,7 @@ class Lattice:
         return [np.arange(count + 1) / count - 0.5 for count in self.cells.tolist()]
 
     def points(self, indices: Integer[ndarray, "n 3"] | Float[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
-        """Canonical positions of (possibly fractional) indices; equal ones have equal positions, whatever beside them.
+        """Canonical positions of (possibly fractional) indices; equal ones have equal positions in any batch.
 
         Along a cuboid whose axes are the frame's own, all points of a face have the very same coordinate.
         """

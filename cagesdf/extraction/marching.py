@@ -1,4 +1,4 @@
-"""From a network's values on a cuboid's lattice to the closed solid that they bound there."""
+"""The closed solid that a network's values on a cuboid's lattice bound."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from cagesdf.meshes import Mesh, vertex_normals
 
 # A vertex is no nearer to a lattice point than this, in steps: at a value of 0 faces would have no area.
 NUDGE = 1e-3
-# A vertex is moved by no more than this towards the zero set, in steps along each axis.
+# Largest movement of a vertex towards the zero set, in steps along each axis.
 FARTHEST = 0.4
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
 
@@ -29,7 +29,7 @@ class Marched:
 
 
 def march(values: Float32[ndarray, "r s t"], lattice: Lattice) -> Marched:
-    """The surface of what is negative, by marching cubes in which all that lies beyond the cuboid is outside.
+    """Boundary of the negative values, by marching cubes in which everything beyond the cuboid is outside.
 
     Vertices beyond are moved onto the lattice's outermost points: several meet on edges and corners of the cuboid, are
     made one there, and what was between them is gone. So the part of a face that is inside becomes a flat piece of the
@@ -38,8 +38,8 @@ def march(values: Float32[ndarray, "r s t"], lattice: Lattice) -> Marched:
     negative = values < 0
     if not negative.any():
         return Marched(NOTHING.vertices, NOTHING.faces, np.zeros(0), np.zeros(0, np.float32))
-    # Of signs alone, so that vertices come halfway and tell between which points they lie: Lorensen's table reads no
-    # more of values. Where exactly is reckoned in float64.
+    # From signs alone, so that vertices come halfway and show between which points they lie: Lorensen's table needs
+    # no more. Their exact places are computed in float64.
     signs = np.where(negative, np.float32(-1), np.float32(1))
     halfway, faces, _, _ = marching_cubes(signs, level=0.0, gradient_direction="descent", method="lorensen")
     del negative, signs
@@ -66,7 +66,7 @@ def march(values: Float32[ndarray, "r s t"], lattice: Lattice) -> Marched:
 def drawn(
     marched: Marched, ask: Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]], lattice: Lattice
 ) -> tuple[Mesh, int]:
-    """The surface with its vertices drawn to the zero set, canonical, and how many points that took.
+    """The surface with its vertices drawn to the zero set, canonical, and the number of points evaluated for it.
 
     One step along the surface's own normals, as long as the value there: that is a distance, or steeper than
     one if the lattice found it so. Newton's step along the field's gradient takes seven times as many points and gives

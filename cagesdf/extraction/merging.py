@@ -1,6 +1,6 @@
-"""Fewer vertices where a surface is nearly flat, before it costs anything: a third as many on a vessel.
+"""Merging of vertices where a surface is nearly flat, before they cost anything: a third remains on a vessel.
 
-Marching cubes has a vertex wherever the surface crosses an edge of the lattice, whether that says anything or not.
+Marching cubes has a vertex wherever the surface crosses an edge of the lattice, also where it is flat.
 Here the vertices around one point of the lattice, or of every second one, become one vertex where they and their
 faces form a nearly flat disc. The surface's topology stays: discs shrink to points.
 """
@@ -40,7 +40,7 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
 
 
 def normal_sums(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, "3 f"]) -> Float[ndarray, "4 v"]:
-    """For each vertex, of the faces that have it as their first corner: sums of normal · 2 area, and of 2 area.
+    """Sums of normal · 2 area, and of 2 area, over the faces with each vertex as their first corner.
 
     Products are in float32, a coordinate at a time: three times as fast, and 1e-6 of an area doesn't matter here.
     """
@@ -60,7 +60,7 @@ def flat_discs(
     cluster: Int[ndarray, " m"],
     stride: int,
 ) -> Bool[ndarray, " c"]:
-    """Which clusters of vertices are discs (Euler's number is 1) of nearly one normal.
+    """Whether each cluster of vertices is a disc (its Euler number is 1) of nearly one normal.
 
     On a cylinder whose chords between clusters sag by SAG, normals of a cluster and the faces around it are spread
     evenly over an angle; the length of their mean says how wide it is.

@@ -1,4 +1,4 @@
-"""From a field and one of its cuboids to the closed solid of that part."""
+"""The closed solid of one part, from a field and one of its cuboids."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -16,8 +16,8 @@ from cagesdf.meshes import Mesh
 from cagesdf.resizing import keeping_warp, vulnerability
 from cagesdf.solid import as_manifold, from_manifold
 
-# A vertex on a face counts as clipped where the network would go on beyond it by more, in cells, or where it says half
-# of the most that it can.
+# A vertex on a face counts as clipped where the network's surface would go beyond it by more, in cells, or where the
+# value is below -reach / 2.
 CLIP_TOLERANCE = 0.25
 
 
@@ -26,11 +26,11 @@ class Fineness:
     """Least number of cells of a part, and how much its faces are simplified."""
 
     least: int  # cells along each axis of its cuboid
-    even: float  # faces are made fewer where that moves the surface by no more, in the shortest steps
+    even: float  # largest movement of the surface as its faces are simplified, in the shortest steps
 
 
 USUAL = Fineness(16, 0.05)
-PREVIEW = Fineness(12, 0.2)  # where a surface is to be there at once
+PREVIEW = Fineness(12, 0.2)  # for surfaces that must appear at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Part:
 
 
 def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
-    """The solid that a field has in one of its cuboids, in cells of at most `cell`, canonical units.
+    """The solid of a field in one of its cuboids, in cells of at most `cell`, canonical units.
 
     Cells are of the cuboid that the network is evaluated in.
     """

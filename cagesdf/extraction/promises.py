@@ -12,7 +12,7 @@ from cagesdf.errors import InputError
 from cagesdf.meshes import Mesh, compact, edge_keys, join, signed_volume
 from cagesdf.solid import as_manifold, cage_surface, from_manifold, union
 
-OVERSHOOT = 1e-3  # a surface leaves its cuboids by no more, in cells
+OVERSHOOT = 1e-3  # largest distance by which a surface may leave its cuboids, in cells
 TWIN = 1e-3  # a cuboid's mirror image is another one if its corners are no further from that one's, canonical units
 ON_PLANE = 1e-9  # what is nearer to the mirror than this lies on it, canonical units
 AS_LARGE = 1 - 1e-6  # two pieces with this ratio of volumes are as large as each other
@@ -26,7 +26,7 @@ def symmetric_none(mesh: Mesh, parts: Meshes, cage: Cage) -> tuple[Mesh, Meshes]
 
 
 def symmetric_x(mesh: Mesh, parts: Meshes, cage: Cage) -> tuple[Mesh, Meshes]:
-    """Of a mesh and its parts the half at x ≥ 0, and its mirror image: vertices (x, y, z) and (-x, y, z), bit for bit.
+    """A mesh and its parts made symmetric: the half at x ≥ 0 and its image, (x, y, z) and (-x, y, z) bit for bit.
 
     A part's image is its twin's, that of the cuboid's mirror image. All stay within the cuboids and within
     their mirror images. Raises InputError if a cuboid of the cage has no mirror image among the cuboids.
@@ -36,8 +36,8 @@ def symmetric_x(mesh: Mesh, parts: Meshes, cage: Cage) -> tuple[Mesh, Meshes]:
         if part_id == twin:
             mirrored[part_id] = both_halves(right_half(parts[part_id], cage[part_id]))
         elif part_id not in mirrored:
-            here, there = right_half(parts[part_id], cage[twin]), right_half(parts[twin], cage[part_id])
-            mirrored[part_id] = union([mesh for mesh in (here, mirror_image(there)) if len(mesh.faces)])
+            half, twin_half = right_half(parts[part_id], cage[twin]), right_half(parts[twin], cage[part_id])
+            mirrored[part_id] = union([mesh for mesh in (half, mirror_image(twin_half)) if len(mesh.faces)])
             mirrored[twin] = mirror_image(mirrored[part_id])
     return both_halves(right_half(mesh, *cage.cuboids().values())), {part_id: mirrored[part_id] for part_id in parts}
 
@@ -51,7 +51,7 @@ def mirror_image(mesh: Mesh) -> Mesh:
 
 
 def right_half(mesh: Mesh, *cuboids: Cuboid) -> Mesh:
-    """What of a closed mesh is at x ≥ 0 and in the mirror images of some cuboids, closed."""
+    """The closed intersection of a closed mesh with x ≥ 0 and with the mirror images of some cuboids."""
     images = mirror_image(cage_surface(Cage.of({str(i): cuboid for i, cuboid in enumerate(cuboids)})))
     half = from_manifold((as_manifold(mesh) ^ as_manifold(images)).trim_by_plane((1.0, 0.0, 0.0), 0.0))
     half.vertices[np.abs(half.vertices[:, 0]) < ON_PLANE, 0] = 0
@@ -71,7 +71,7 @@ def both_halves(half: Mesh) -> Mesh:
 
 
 def twins(cage: Cage) -> dict[str, str]:
-    """For each cuboid the one that is its mirror image at x = 0, or itself. Raises InputError if one has none."""
+    """The mirror image at x = 0 of each cuboid: another one, or itself. Raises InputError if one has none."""
     corners = cage.corners()
     # Axes may be named in another order: each corner is compared with the nearest one.
     gaps = np.array(
@@ -80,11 +80,11 @@ def twins(cage: Cage) -> dict[str, str]:
             for image in corners * [-1.0, 1.0, 1.0]
         ]
     ).reshape(len(cage), len(cage))
-    found: dict[str, str] = {}
+    images: dict[str, str] = {}
     for part_id, gap in zip(cage.part_ids, gaps):
-        if part_id in found:
+        if part_id in images:
             continue
-        taken = np.isin(cage.part_ids, list(found))
+        taken = np.isin(cage.part_ids, list(images))
         twin = int(np.where(taken, np.inf, gap).argmin())
         if gap[twin] > TWIN:
             raise InputError(
@@ -92,9 +92,9 @@ def twins(cage: Cage) -> dict[str, str]:
                 f"the nearest is {gap[twin]:.2g} away, wanted at most {TWIN:g} (canonical units); mirror the cuboids, "
                 "or ask for no symmetry"
             )
-        found[part_id] = cage.part_ids[twin]
-        found[cage.part_ids[twin]] = part_id
-    return found
+        images[part_id] = cage.part_ids[twin]
+        images[cage.part_ids[twin]] = part_id
+    return images
 
 
 def keep_loose(mesh: Mesh) -> Mesh:
@@ -103,7 +103,7 @@ def keep_loose(mesh: Mesh) -> Mesh:
 
 
 def drop_loose(mesh: Mesh) -> Mesh:
-    """The largest piece of a closed mesh, with its cavities, and what is as large: its mirror image."""
+    """The largest component of a closed mesh, with its cavities, and one that is as large: its mirror image."""
     shells = [from_manifold(shell) for shell in as_manifold(mesh).decompose()]
     if len(shells) < 2:
         return mesh
@@ -118,7 +118,7 @@ LOOSE: dict[str, Callable[[Mesh], Mesh]] = {"keep": keep_loose, "drop": drop_loo
 
 
 def count_pieces(mesh: Mesh) -> int:
-    """How many pieces of a closed, manifold mesh hang together, cavities not counted."""
+    """Number of connected components of a closed, manifold mesh, cavities not counted."""
     count = len(mesh.vertices)
     ends = (np.concatenate([mesh.faces[:, 0], mesh.faces[:, 0]]), mesh.faces[:, 1:].T.ravel())
     shells, shell = connected_components(coo_array((np.ones(len(ends[0]), bool), ends), (count, count)), directed=False)
@@ -129,7 +129,7 @@ def count_pieces(mesh: Mesh) -> int:
 
 
 def check(mesh: Mesh, cage: Cage, cell: float) -> float:
-    """How far a mesh leaves its cuboids, in cells.
+    """Largest distance by which a mesh leaves its cuboids, in cells.
 
     Raises ValueError if that is more than OVERSHOOT, or if the mesh has faces and is not closed,
     manifold and outward: an error of the extraction.

@@ -1,4 +1,4 @@
-"""From a field to a closed surface within the cage, at once or edit by edit (§3.6)."""
+"""Closed surfaces of fields within their cages, at once or edit by edit (§3.6)."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ from cagesdf.solid import from_manifold
 
 Loose = Callable[[Mesh], Mesh]  # from a mesh to what of it is kept; one of LOOSE
 Symmetry = Callable[[Mesh, Meshes, Cage], tuple[Mesh, Meshes]]  # one of SYMMETRIES
-# From what is to be done with a cuboid's number, and numbers, to what comes of each, in order: `map`, or a pool's.
+# `map`, or that of a pool: results in order of a function of a cuboid's number for many numbers.
 Each = Callable[[Callable[[int], Part], Iterable[int]], Iterable[Part]]
 
 
 @dataclass(frozen=True, eq=False)
 class Extraction:
-    """A surface, and what it took."""
+    """A surface, and figures of its extraction."""
 
     mesh: Mesh  # canonical, closed, manifold, outward, within the cuboids; no faces if the network says outside
-    parts: Meshes  # what each cuboid holds, as closed; the mesh is their union, but for what `loose` drops
+    parts: Meshes  # by cuboid, closed; the mesh is their union without the components that `loose` drops
     asked: int  # points given to the network
-    clipped: float  # share of the parts' vertices where the cage cut off what the network wanted
-    components: int  # pieces of the mesh that hang together
-    dropped: int  # further pieces that were left out
+    clipped: float  # share of the parts' vertices where the cage cut the network's surface off
+    components: int  # connected components of the mesh
+    dropped: int  # further components that were left out
     overshoot: float  # how far the mesh leaves the cuboids, in cells
 
     @staticmethod
     def nothing() -> "Extraction":
-        """Of no cuboids."""
+        """The extraction of a cage without cuboids."""
         return Extraction(NOTHING, {}, 0, 0.0, 0, 0, 0.0)
 
 
@@ -52,8 +52,8 @@ def extract(
     """The zero surface of a field (§3.6): cuboid by cuboid, each cut by its faces, and united exactly; canonical frame.
 
     Cells are at most as long as `resolution` of them along [-HALF_EXTENT, HALF_EXTENT], and each cuboid has at least
-    `fineness.least` along each of its axes. `each` goes through the cuboids that are asked, in as many threads as the
-    caller wants; the surface is the same. Raises InputError if the network gives values that are not
+    `fineness.least` along each of its axes. `each` evaluates the cuboids, in as many threads as the caller wants;
+    the surface is the same. Raises InputError if the network gives values that are not
     finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is promised (see
     `check`).
     """
@@ -66,9 +66,9 @@ def extract_surface(field: CageField, resolution: int) -> Mesh:
 
 
 class LiveSurface:
-    """The surface of a cage that is being edited: only cuboids that are new are asked.
+    """The surface of a cage that is being edited: only cuboids that are new are evaluated.
 
-    What the network says of a cuboid depends on the part's code and on the cuboid, not on the others.
+    A cuboid's surface depends on the part's code and on the cuboid, not on the others.
     The solids of the last two surfaces are kept, so that an edit can be taken back at once.
     """
 
@@ -81,7 +81,7 @@ class LiveSurface:
         each: Each = map,
         fineness: Fineness = USUAL,
     ) -> None:
-        """As for `extract`."""
+        """Options are those of `extract`."""
         self.cell = 2 * HALF_EXTENT / resolution
         self.method = method
         self.loose = loose
@@ -93,7 +93,7 @@ class LiveSurface:
         self._unions: dict[tuple[bytes, ...], Manifold] = {}  # by the keys of their parts, of the last surface
 
     def surface(self, field: CageField) -> Extraction:
-        """What `extract` gives for this field, but for `asked`, which counts what was asked now.
+        """The extraction of `extract` for this field; `asked` counts only the points that were evaluated now.
 
         All fields that are given are of one decoder, which does not change.
         """
@@ -127,14 +127,14 @@ class LiveSurface:
     def _united(
         self, keys: tuple[bytes, ...], solids: Mapping[bytes, Manifold], unions: dict[tuple[bytes, ...], Manifold]
     ) -> Manifold:
-        """The union of some solids, of two halves that are made so themselves; `unions` gets all but single solids.
+        """The union of solids, by halves; `unions` gets the union of every half with more than one solid.
 
-        An edit makes only those anew that have the part in them. The order is the cage's, whatever was edited.
+        An edit makes only unions with the edited part anew. The order is the cage's, whichever part was edited.
         """
         if len(keys) == 1:
             return solids[keys[0]]
         if keys in self._unions:
-            unions.update({some: union for some, union in self._unions.items() if set(some) <= set(keys)})
+            unions.update({subset: union for subset, union in self._unions.items() if set(subset) <= set(keys)})
             return self._unions[keys]
         middle = len(keys) // 2
         union = self._united(keys[:middle], solids, unions) + self._united(keys[middle:], solids, unions)
@@ -146,7 +146,7 @@ class LiveSurface:
 def in_order(mesh: Mesh) -> Mesh:
     """The faces of a closed, manifold mesh by their first edge.
 
-    manifold3d has them in the order in which the solids that they are of were made, which threads and edits change.
+    manifold3d orders faces by when their solids were made, which depends on threads and edits.
     """
     tail, head = mesh.faces[:, :2].T.astype(np.int64)
     return Mesh(mesh.vertices, mesh.faces[np.argsort(tail * len(mesh.vertices) + head)])

@@ -47,9 +47,9 @@ def fit_cuboid(points: Float[ndarray, "n 3"], slack: float, min_size: float) -> 
 
 
 def nearest_frames(directions: Float[ndarray, "k 3"]) -> Float[ndarray, "k 3 3"]:
-    """Of all frames with an axis along each ±direction (unit), the one nearest to the canonical axes.
+    """For each direction (unit), the frame nearest to the canonical axes that has an axis along ±direction.
 
-    Rows are the axes. It is the least rotation that takes the nearest canonical axis there.
+    Rows are the axes: those of the least rotation that takes the nearest canonical axis to ±direction.
     """
     nearest = np.eye(3)[np.abs(directions).argmax(axis=1)]
     targets = directions * np.sign(np.einsum("ki,ki->k", directions, nearest))[:, None]
@@ -162,7 +162,7 @@ class _Hull:
         return bounds
 
     def boxes_on(self, normals: Float[ndarray, "k 3"], limit: float) -> _Boxes:
-        """The boxes, up to a volume, with a face normal to a direction and one along an edge of the outline there."""
+        """The boxes, up to a volume, with a face normal to a direction and another along an edge of the outline."""
         on = _on_silhouette(normals @ self.normals.T, self.sides)
         outline, size = _padded(on)
         ends = self.edges[outline]  # k s 2

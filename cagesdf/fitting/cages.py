@@ -60,7 +60,7 @@ def _tied(
     if (given.size <= 0).any():
         part = given.part_ids[int((given.size <= 0).any(axis=1).argmax())]
         raise ShapeRejected(shape.shape_id, STAGE, f"the program executes to a cuboid {part} without volume")
-    local = np.array([placement.to_raw(own) for own in samples])
+    local = np.array([placement.to_raw(points) for points in samples])
     targets = match_axes(boxes.transformed(placement.inverse()), given)
     fitted = fit_program(program, targets, local)
     bounding = bound_program(fitted, targets, [placement.to_raw(part.mesh.vertices) for part in shape.parts])
@@ -85,7 +85,7 @@ def _overshoot(shape: Shape, cage: Cage) -> Float[ndarray, " p"]:
 
 
 def _outside(cage: Cage, samples: Float[ndarray, "p n 3"]) -> Float[ndarray, " p"]:
-    return np.array([(_distance(cage, i, own) > TOLERANCE).mean() for i, own in enumerate(samples)])
+    return np.array([(_distance(cage, i, points) > TOLERANCE).mean() for i, points in enumerate(samples)])
 
 
 def _distance(cage: Cage, i: int, points: Float[ndarray, "n 3"]) -> Float[ndarray, " n"]:

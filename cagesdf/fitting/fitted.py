@@ -1,4 +1,4 @@
-"""What fitting finds out about a shape."""
+"""The result of fitting: a shape's cage, and how well it bounds the parts."""
 
 from dataclasses import dataclass
 

@@ -31,7 +31,7 @@ class _Sorted:
 class Hinge:
     """Mean over parts and points of max(signed distance + ROOM, 0).
 
-    The loss is a sum of so many that float32 does for the points; sums are float64.
+    float32 is exact enough for single points of such a large sum; sums are float64.
     """
 
     def __init__(self, points: Float[ndarray, "p n 3"]) -> None:
@@ -53,17 +53,17 @@ class Hinge:
         return value, slope
 
     def _motion(self, i: int, old: Float[ndarray, " 15"], new: Float[ndarray, " 15"]) -> float:
-        """At most how far a face moved, measured at any point of part i along the face's axis."""
+        """Upper bound of the movement of a face, at any point of part i, along the face's axis."""
         by = new - old
         turn = by[3:12].reshape(3, 3)
         axes = old[3:12].reshape(3, 3)
         # new axes @ (x - new centre) - old axes @ (x - old centre), and x = middle + at most the radius
-        way = turn @ (self._middles[i] - new[:3]) - axes @ by[:3]
-        return float((np.abs(way) + np.linalg.norm(turn, axis=1) * self._radii[i] + np.abs(by[12:]) / 2).max())
+        shift = turn @ (self._middles[i] - new[:3]) - axes @ by[:3]
+        return float((np.abs(shift) + np.linalg.norm(turn, axis=1) * self._radii[i] + np.abs(by[12:]) / 2).max())
 
 
 def _local(points: Float[ndarray, "3 n"], vector: Float[ndarray, " 15"]) -> tuple[ndarray, ndarray, ndarray]:
-    """Offsets from the centre, the same along the cuboid's axes, and how far that is beyond the faces."""
+    """Offsets from the centre, the same along the cuboid's axes, and the distances of these beyond the faces."""
     numbers = vector.astype(np.float32)
     offsets = points - numbers[:3, None]
     along = numbers[3:12].reshape(3, 3) @ offsets
@@ -80,9 +80,9 @@ def _sort(points: Float[ndarray, "3 n"], vector: Float[ndarray, " 15"]) -> _Sort
     # Whatever moves by REACH: its distance is that to one face, on this side of the cuboid, and counts.
     at_face = (deepest > REACH - ROOM) & (second < np.minimum(deepest - 2 * REACH, -REACH)) & (np.abs(height) > REACH)
     near: Bool[ndarray, " n"] = (deepest >= -ROOM - REACH) & ~at_face
-    faces, own = (2 * axis + (height > 0))[at_face], points[:, at_face]
+    faces, facing = (2 * axis + (height > 0))[at_face], points[:, at_face]
     counts = np.bincount(faces, minlength=6)
-    sums = np.array([np.bincount(faces, weights=row, minlength=6) for row in own])
+    sums = np.array([np.bincount(faces, weights=row, minlength=6) for row in facing])
     kept = np.flatnonzero(counts)
     return _Sorted(
         vector,

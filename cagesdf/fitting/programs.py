@@ -78,10 +78,10 @@ def fit_program(program: AssemblyProgram, boxes: Cage, points: Float[ndarray, "p
 
 
 def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[ndarray, "_ 3"]]) -> AssemblyProgram:
-    """The program changed until its leaves bound `points`, those of each leaf: a part's convex hull's vertices do.
+    """The program changed until its leaves bound `points`, given for each leaf; vertices of the convex hull suffice.
 
-    Of the parameters that do so it seeks those that keep the leaves near `boxes` (as in
-    `fit_program`). Where no parameters do, as little sticks out as can be. Raises ProgramError if the
+    Among such parameters it seeks those that keep the leaves near `boxes` (as in `fit_program`).
+    If there are none, the points stick out as little as possible. Raises ProgramError if the
     program as given doesn't execute.
     """
     return _fitted(program, boxes, _Overshoot(points))
@@ -89,7 +89,7 @@ def bound_program(program: AssemblyProgram, boxes: Cage, points: Sequence[Float[
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A penalty near some cuboids: value + slope · change, or where it has cuts, the sum over parts of their largest.
+    """A penalty near given cuboids: value + slope · change, or with cuts the sum over parts of the largest cut.
 
     A cut counts from 0 up: max(0, cuts of the part: height + face · change).
     """
@@ -155,7 +155,7 @@ def _cuts(points: Float[ndarray, "n 3"], vector: Float[ndarray, " 15"]) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A program, and what it executes to."""
+    """A program, and its executed leaves."""
 
     program: AssemblyProgram
     vectors: Float[ndarray, "p 15"]  # its leaves
@@ -179,7 +179,7 @@ class _Problem:
     lowest: Float[ndarray, " t"]  # of each parameter
 
     def minimise(self, program: AssemblyProgram) -> _State:
-        """The best state that is found from a program."""
+        """The best state found from the starting program."""
         start = best = self._state(program)
         enough = self.penalty(self.boxes).value + REACHED
         for radius in RADII:
@@ -214,7 +214,7 @@ class _Problem:
         trial: _State,
         radius: float,
     ) -> _State | None:
-        """The state after a step as it should have been, had the leaves' way to `trial` been known to be bent."""
+        """The state after a step that is corrected by the leaves' curvature on the way to `trial`."""
         bend = trial.vectors - (state.vectors + jacobian @ step)
         again, _ = self._step(replace(state, vectors=state.vectors + bend), jacobian, radius)
         return self._trial(state, again)
@@ -256,8 +256,8 @@ class _Problem:
     ) -> tuple[Float[ndarray, " t"], float]:
         """The step that minimises the extrapolated loss within the radius, and by how much it lowers that.
 
-        Variables of the linear program: what each parameter goes up, goes down; of each number of each
-        leaf what it is above its box's, below it; each part's penalty.
+        Variables of the linear program: increase and decrease of each parameter; excess and deficit of each
+        number of each leaf over its box's; each part's penalty.
         """
         p, _, t = jacobian.shape
         model, slopes = state.penalty, jacobian.reshape(-1, t)

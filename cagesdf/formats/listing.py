@@ -179,8 +179,7 @@ def list_shapes(folder: Path, include: str) -> Listing:
 
 
 def find_shapes(path: Path, include: str) -> Listing:
-    """The shapes at a path: a mesh file, a PartNet shape, or those of a library, or of a category folder as
-    `list_shapes` has them.
+    """The shapes at a path: a mesh file, a PartNet shape, a library, or a category folder as for `list_shapes`.
 
     Raises InputError if nothing of the kind is there.
     """
@@ -191,7 +190,7 @@ def find_shapes(path: Path, include: str) -> Listing:
 
 
 def find_shape(path: Path) -> ShapeSource:
-    """The one shape at a path: a mesh file, a PartNet shape, or a folder of part meshes.
+    """The single shape at a path: a mesh file, a PartNet shape, or a folder of part meshes.
 
     It is taken by itself, without hierarchies or programs beside it. Raises InputError if nothing of the kind is
     there.

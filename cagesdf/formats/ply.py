@@ -26,7 +26,7 @@ from cagesdf.text import encoding_of
 
 MAX_HEADER = 65_536  # bytes
 MAX_ROWS = 5_000_000  # of an element with lists, which are read one by one
-MAX_INDEX = 2**62  # larger ones, which no file has vertices for, are this
+MAX_INDEX = 2**62  # larger indices, which no file has vertices for, become this one
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",

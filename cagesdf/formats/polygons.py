@@ -1,4 +1,4 @@
-"""The one door for faces of every format: indices and numbers are checked, polygons become triangles.
+"""Triangulation of the faces of every format, with checks of indices and numbers.
 
 Polygons are triangulated in the plane of two coordinates, whichever two show most of their area. These are
 copied, not computed, so the predicates are about the polygon that the file holds. Convex polygons

@@ -21,7 +21,7 @@ class Level:
 
     lines: Float[Tensor, "n 63"]  # START, then its statements: what the network is given
     running: tuple[int, ...]  # how many blocks have a line of each number
-    last: Int[Tensor, " b"]  # each block's last line
+    last: Int[Tensor, " b"]  # number of each block's last line
     size: Float[Tensor, "b 3"]  # of their bboxes
     shape: Int[Tensor, " b"]  # number of the program
     block: Int[Tensor, " n"]  # of each line: number of its block in this level
@@ -32,7 +32,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Programs to learn from. The lines of all levels, one level after another, are what follows each given line."""
+    """Programs to learn from. Targets, one for each given line, are the lines of all levels, level after level."""
 
     levels: tuple[Level, ...]
     count: int  # of programs
@@ -97,7 +97,7 @@ class Batch:
 
 
 def _columns(block: BlockTokens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the network is given, what it is to write after each of it, and whether that declares a leaf."""
+    """Input lines of a block, the target line after each of them, and whether the target declares a leaf."""
     start, end = np.zeros((2, 1, WIDTH))
     start[0, START] = end[0, END] = 1
     leaf = np.append(block.filling < 0, True)

@@ -1,4 +1,4 @@
-"""How far apart cages are, whatever their structures: the distance that the weights of codes are made of (§4.4)."""
+"""Distance between cages of any structures: the weights of codes are made from it (§4.4)."""
 
 from collections.abc import Sequence
 
@@ -29,9 +29,9 @@ def cage_distances(cages: Sequence[Cage], others: Sequence[Cage]) -> Float[ndarr
     Mean distance from the points of one cage's cuboids' surfaces to the nearest cuboid's surface of the other, both
     ways added. Surface counts by its area, also where it lies inside another cuboid; equal cages are 0 apart.
     """
-    here, there = ([_surface(cage) for cage in some] for some in (cages, others))
-    forth = [[_one_way(*surface, other) for other in others] for surface in here]
-    back = [[_one_way(*surface, cage) for surface in there] for cage in cages]
+    surfaces, other_surfaces = ([_surface(cage) for cage in row] for row in (cages, others))
+    forth = [[_one_way(*surface, other) for other in others] for surface in surfaces]
+    back = [[_one_way(*surface, cage) for surface in other_surfaces] for cage in cages]
     return np.array(forth).reshape(len(cages), len(others)) + np.array(back).reshape(len(cages), len(others))
 
 

@@ -1,4 +1,4 @@
-"""How good a generator is: what it makes of its training shapes, and how many of its draws are valid and new."""
+"""Quality of a generator: how well it rebuilds its training shapes, and how many of its draws are valid and new."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ Figures = dict[str, int | float]
 
 
 def sample_figures(samples: Samples, known: Known) -> Figures:
-    """Of a number of draws.
+    """Figures of a number of draws.
 
     `drawn`, `valid`, `floating` (cuboids of these that were attached to nothing and left out), `copies` (of a known
     shape, by novelty.TOLERANCE), `new_cages` (of a known structure), `new_structures`, `structures` (different ones
@@ -32,10 +32,10 @@ def sample_figures(samples: Samples, known: Known) -> Figures:
 
 
 def rebuilding_figures(rebuilt: Mapping[str, Generated | str], known: Known) -> Figures:
-    """Of known shapes that were rebuilt from their codes.
+    """Figures of known shapes that were rebuilt from their codes.
 
-    `rebuilt` is how many there were, `same_structure` how many kept it, `rebuilding_difference` the mean
-    over these from the shape itself, as `Known.difference` has it.
+    `rebuilt` is their number, `same_structure` the number of those that kept their structure, and
+    `rebuilding_difference` the mean `Known.difference` of the latter from the shape itself.
     """
     apart = [
         known.difference(item.structure, item.cage, name)

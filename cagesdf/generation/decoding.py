@@ -1,4 +1,4 @@
-"""From codes to programs: the likeliest line that the rules allow, then the next, for all programs at once.
+"""Decoding of programs from codes: the likeliest line that the rules allow, then the next, all programs at once.
 
 A program that turns out invalid is discarded, not mended: the share of valid ones says how much of the
 language the network has learnt. (The official decoder discards new programs, too.)
@@ -75,7 +75,7 @@ class _Draft:
 
 @torch.no_grad()
 def decode(decoder: Decoder, codes: Float[Tensor, "s d"]) -> list[Written | str]:
-    """For each code its program, or why there is none."""
+    """The program of each code, or the reason why there is none."""
     written: list[list[BlockTokens]] = [[] for _ in codes]
     named = [1 for _ in codes]  # blocks that a program has, those still to be written among them
     floating = [0 for _ in codes]
@@ -101,7 +101,7 @@ def decode(decoder: Decoder, codes: Float[Tensor, "s d"]) -> list[Written | str]
 def _write(
     decoder: Decoder, waiting: Sequence[tuple[int, Tensor]], depth: int, failures: dict[int, str]
 ) -> list[_Draft]:
-    """The blocks of one depth, by sample and code; those of samples that fail are left out, and why is noted."""
+    """The blocks of one depth, by sample and code, without samples that fail; `failures` gets the reasons."""
     codes = torch.stack([code for _, code in waiting])
     sizes = decoder.bbox(codes).clamp(THINNEST, SIZES[1])
     drafts = [_Draft(sample, BlockRules(_triple(size))) for (sample, _), size in zip(waiting, sizes.numpy())]
@@ -142,7 +142,7 @@ def _next_lines(
     states: Float[Tensor, "n w"],
     sizes: Float[Tensor, "n 3"],
 ) -> Float[Tensor, "n 63"]:
-    """What follows in each block: the likeliest command that is allowed, of the likeliest cuboids, with its numbers."""
+    """The next line of each block: the likeliest allowed command, on the likeliest cuboids, with its numbers."""
     lines = torch.zeros(len(drafts), WIDTH)
     commands = _likeliest(decoder.command(states), [draft.rules.commands() for draft in drafts])
     lines[torch.arange(len(drafts)), commands] = 1

@@ -1,4 +1,4 @@
-"""What all generators of cages have in common."""
+"""The interface of all generators of cages."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -22,7 +22,7 @@ class Generated:
 
 @dataclass(frozen=True)
 class Samples:
-    """What came of a number of draws."""
+    """The results of a number of draws."""
 
     kept: tuple[Generated, ...]  # the valid ones, in the order of their draws
     numbers: tuple[int, ...]  # their draws' numbers, from 0
@@ -41,7 +41,7 @@ class Generator(ABC):
 
 
 def samples_of(drawn: Sequence[Generated | str]) -> Samples:
-    """Draws by whether they are valid."""
+    """Samples of numbered draws; failed ones are counted by their reason."""
     kept = {number: item for number, item in enumerate(drawn) if isinstance(item, Generated)}
     failures = Counter(item for item in drawn if isinstance(item, str))
     return Samples(tuple(kept.values()), tuple(kept), dict(sorted(failures.items())))

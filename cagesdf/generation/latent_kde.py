@@ -31,7 +31,7 @@ class LatentKde:
         return LatentKde(codes, NARROW * (4 / ((d + 2) * n)) ** (1 / (d + 4)) * spread)
 
     def uniform(self, count: int) -> Float[ndarray, "m n"]:
-        """Equal weights, for `count` draws: what the method ⊥ draws by."""
+        """Equal weights for `count` draws, as the method ⊥ has them."""
         return np.full((count, len(self.codes)), 1 / len(self.codes))
 
     def sample(
@@ -47,18 +47,18 @@ class LatentKde:
         return self.codes[chosen] + temperature * self.bandwidth * noise
 
     def log_density(self, points: Float[ndarray, "m d"], weights: Float[ndarray, "m n"]) -> Float[ndarray, " m"]:
-        """Of each point under its own weights. Dimensions in which all codes are equal are left out."""
+        """Log density of each point under its own weights, without the dimensions in which all codes are equal."""
         return _weighted(self._log_kernels(points), weights)
 
     def leave_one_out(self, distances: Float[ndarray, "n n"], taus: Float[ndarray, " t"]) -> Float[ndarray, " t"]:
-        """Mean log density of each code under the others, weighted by how near their cages are: at least two codes."""
+        """Mean log density of at least two codes, each under the others, weighted by the nearness of their cages."""
         apart = distances.astype(np.float64)
         np.fill_diagonal(apart, np.inf)
         kernels = self._log_kernels(self.codes)
         return np.array([_weighted(kernels, similarity_weights(apart, tau)).mean() for tau in taus.tolist()])
 
     def likeliest_tau(self, distances: Float[ndarray, "n n"]) -> float:
-        """Of TAUS, that under which the codes are likeliest, each given its cage and the other shapes."""
+        """The one of TAUS under which the codes are likeliest, each given its cage and the other shapes."""
         if len(self.codes) < 3:  # one other shape has all the weight, whatever its distance
             return float(TAUS[0])
         return float(TAUS[self.leave_one_out(distances, TAUS).argmax()])
@@ -75,14 +75,14 @@ def _weighted(log_kernels: Float[ndarray, "m n"], weights: Float[ndarray, "m n"]
 
 @dataclass(frozen=True, eq=False)
 class IsotropicGaussian:
-    """What DeepSDF's codes are drawn from: one width for all dimensions."""
+    """The density of DeepSDF's codes: a Gaussian with one width for all dimensions."""
 
     mean: Float[ndarray, " d"]
     deviation: float
 
     @staticmethod
     def fit(codes: Float[ndarray, "n d"]) -> "IsotropicGaussian":
-        """The likeliest one for these codes."""
+        """The maximum-likelihood Gaussian of these codes."""
         return IsotropicGaussian(codes.mean(axis=0), float(np.sqrt(codes.var(axis=0).mean())))
 
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Float[ndarray, "m d"]:
@@ -99,5 +99,5 @@ def similarity_weights(distances: Float[ndarray, "m n"], tau: float) -> Float[nd
 
 
 def effective_number(weights: Float[ndarray, "m n"]) -> Float[ndarray, " m"]:
-    """How many kernels a row of weights has in effect: 1 / Σ w²; n where all are equal."""
+    """Effective number of kernels of each row of weights: 1 / Σ w²; n where all are equal."""
     return 1 / np.square(weights).sum(axis=1)

@@ -1,4 +1,4 @@
-"""What is new: structures that training has not shown, or cages that it has not.
+"""Novelty of structures and cages: whether the training shapes have them.
 
 Cages are compared centred and scaled to the unit sphere, their parts paired as §3.3 pairs them; names
 and the order of statements don't matter.
@@ -19,7 +19,7 @@ TOLERANCE = 0.01  # a cage that differs by less from one of equal structure is a
 
 
 def standing(cage: Cage, reach: float) -> Similarity:
-    """What centres a cage's bounding box and puts its farthest corner at the distance `reach`."""
+    """The similarity that centres a cage's bounding box and puts its farthest corner at the distance `reach`."""
     corners = cage.corners().reshape(-1, 3)
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     scale = reach / float(np.linalg.norm(corners - centre, axis=1).max())
@@ -27,7 +27,7 @@ def standing(cage: Cage, reach: float) -> Similarity:
 
 
 def reach_of(cages: Iterable[Cage]) -> float:
-    """How far out the farthest corner is from the middle of the bounding box: median over cages, at least one."""
+    """Distance of the farthest corner from the middle of the bounding box: median over cages, at least one."""
     return float(np.median([1 / standing(cage, 1.0).scale for cage in cages]))
 
 
@@ -35,7 +35,7 @@ class Known:
     """The structures that a generator was trained on, with their cages."""
 
     def __init__(self, structures: Mapping[str, Structure], cages: Mapping[str, Cage]) -> None:
-        """By shape id."""
+        """Structures and canonical cages are by shape id."""
         self._by_signature: dict[str, list[str]] = {}
         for shape_id in sorted(structures):
             self._by_signature.setdefault(structures[shape_id].signature(), []).append(shape_id)
@@ -54,7 +54,7 @@ class Known:
         return name, difference
 
     def difference(self, structure: Structure, cage: Cage, name: str) -> float:
-        """By how much a cage differs from that of a known shape; infinity if their structures do.
+        """Difference between a cage and that of a known shape; infinity if their structures differ.
 
         Mean distance of the cuboids' corners to the nearest corner of their partners, both ways, in radii
         of the cages.
@@ -68,6 +68,6 @@ class Known:
 
 
 def _apart(a: Float[ndarray, "p 8 3"], b: Float[ndarray, "p 8 3"]) -> float:
-    """Mean distance of each cuboid's corners to the nearest of its partner's: axes may be named otherwise."""
+    """Mean distance of each cuboid's corners to the nearest of its partner's, whatever the names of the axes."""
     distances = np.linalg.norm(a[:, :, None] - b[:, None], axis=3)
     return float((distances.min(axis=1).mean() + distances.min(axis=2).mean()) / 2)

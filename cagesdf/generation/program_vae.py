@@ -39,7 +39,7 @@ from cagesdf.generation.tokens import (
 )
 
 SLOPE = 0.2  # of the rectifiers below 0
-DEPTHS = 3  # that are told apart; deeper blocks count as the last
+DEPTHS = 3  # that the network distinguishes; deeper blocks count as the last
 LEVEL_FEATURES = 3 + DEPTHS  # of a step's input besides the line: the bbox's lengths, the depth
 TERMS = (
     "command",
@@ -68,7 +68,7 @@ def layers(*widths: int) -> nn.Sequential:
 
 
 class Encoder(nn.Module):
-    """From programs to the mean and variance of their codes."""
+    """The encoder: mean and variance of the codes of programs."""
 
     def __init__(self, width: int, code: int) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """From codes to programs, a line at a time. `state` is the recurrent network's after the lines so far."""
+    """The decoder: programs from codes, a line at a time. `state` is the recurrent network's after the lines so far."""
 
     def __init__(self, width: int, code: int) -> None:
         super().__init__()
@@ -114,7 +114,7 @@ class Decoder(nn.Module):
         self.leaf = layers(2 * width, width, 1)
 
     def steps(self, lines: Float[Tensor, "n 63"], size: Float[Tensor, "n 3"], depth: int) -> Float[Tensor, "n w"]:
-        """What the recurrent network is given for each line."""
+        """Inputs of the recurrent network, one for each line."""
         level = one_hot(torch.tensor(min(depth, DEPTHS - 1)), DEPTHS).to(lines).expand(len(lines), -1)
         return self.line(torch.cat([lines, size, level], dim=1))
 
@@ -140,7 +140,7 @@ class Decoder(nn.Module):
         return torch.stack([*losses, bbox], dim=1)
 
     def _line_losses(self, batch: Batch, states: Float[Tensor, "m w"], begun: Float[Tensor, "m w"]) -> list[Tensor]:
-        """By program, in the order of TERMS, from "command" to "leaf".
+        """Losses by program, in the order of TERMS, from "command" to "leaf".
 
         `begun` are the codes of the lines' blocks. Each head is asked about the lines only that need it.
         """
@@ -163,7 +163,7 @@ class Decoder(nn.Module):
             return (values - targets[rows, columns]).abs().sum(dim=1)
 
         def sums(*entries: tuple[Tensor, Tensor]) -> Tensor:
-            """Of values at rows, by program."""
+            """Sums of the values at rows, by program."""
             total = states.new_zeros(batch.count)
             for rows, values in entries:
                 total = total.index_add(0, batch.shape[rows], values)
@@ -190,7 +190,7 @@ class Decoder(nn.Module):
 
 
 def weighted_entropy(logits: Float[Tensor, " k"], targets: Float[Tensor, " k"], weight: float) -> Float[Tensor, " k"]:
-    """Binary cross entropies, those of targets 1 times `weight`."""
+    """Binary cross entropies; those of positive targets count `weight` times."""
     return binary_cross_entropy_with_logits(logits, targets, pos_weight=logits.new_tensor(weight), reduction="none")
 
 
@@ -206,7 +206,7 @@ class ProgramVAE(nn.Module):
 
     @staticmethod
     def drawn(width: int, code: int, seed: int) -> "ProgramVAE":
-        """An untrained one; `seed` decides its weights."""
+        """An untrained autoencoder; `seed` decides its weights."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             return ProgramVAE(width, code)

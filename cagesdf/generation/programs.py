@@ -25,7 +25,7 @@ class ProgramGenerator(Generator):
     reach: float  # distance of the farthest corner of a cage, canonical units: the training cages' median
 
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-        """As for any generator; the normal numbers are the programs' codes."""
+        """See `Generator.sample`; the normal numbers are the programs' codes."""
         codes = temperature * rng.standard_normal((count, self.model.code))
         written = decode(self.model.decoder, torch.from_numpy(codes).float())
         return samples_of([item if isinstance(item, str) else self.placed(item) for item in written])
@@ -37,7 +37,7 @@ class ProgramGenerator(Generator):
         return Generated(assembly, assembly.cage(), written.floating)
 
     def rebuilt(self, programs: Mapping[str, AssemblyProgram]) -> dict[str, Generated | str]:
-        """What becomes of programs that are written from their own mean codes, or why nothing does."""
+        """Programs written anew from their own mean codes, or the reasons why that fails."""
         codes = self.model.codes([tokens_of(program) for program in programs.values()])
         written = decode(self.model.decoder, codes)
         return {name: item if isinstance(item, str) else self.placed(item) for name, item in zip(programs, written)}

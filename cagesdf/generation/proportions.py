@@ -42,7 +42,7 @@ class Family:
         return Cage.from_vectors(self.part_ids, blend)
 
     def contacts(self) -> ndarray:
-        """Which parts touch in all of the cages."""
+        """Whether each two parts touch in all of the cages."""
         return np.all([touching(Cage.from_vectors(self.part_ids, cage)) for cage in self.cuboids], axis=0)
 
 
@@ -51,7 +51,7 @@ def families(structures: Mapping[str, Structure], cages: Mapping[str, Cage]) -> 
     groups: dict[str, list[str]] = {}
     for shape_id in sorted(structures):
         groups.setdefault(structures[shape_id].signature(), []).append(shape_id)
-    found: list[Family] = []
+    result: list[Family] = []
     for ids in sorted(groups.values(), key=lambda ids: (-len(ids), ids)):
         first, cage = structures[ids[0]], cages[ids[0]]
         vectors = []
@@ -59,8 +59,8 @@ def families(structures: Mapping[str, Structure], cages: Mapping[str, Cage]) -> 
             partners = dict(correspond(first, cage, structures[shape_id], cages[shape_id]))
             order = [cages[shape_id].part_ids.index(partners[part]) for part in cage.part_ids]
             vectors.append(cages[shape_id].vectors()[order])
-        found.append(Family(first, cage.part_ids, np.array(vectors)))
-    return tuple(found)
+        result.append(Family(first, cage.part_ids, np.array(vectors)))
+    return tuple(result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class ProportionGenerator(Generator):
     reach: float  # distance of the farthest corner of a cage, canonical units: the training cages' median
 
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-        """As for any generator; a temperature of 1 has the covariance of the training cages."""
+        """See `Generator.sample`; a temperature of 1 has the covariance of the training cages."""
         sizes = np.array([len(family.cuboids) for family in self.families])
         drawn: list[Generated | str] = []
         contacts = [family.contacts() for family in self.families]

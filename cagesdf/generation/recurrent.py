@@ -43,7 +43,7 @@ class PackedGRU(nn.Module):
 
 
 class _Steps(torch.autograd.Function):
-    """From what lines bring to the gates, and the first states, to the states after each line."""
+    """The states after each line, from the lines' share of the gates and the first states."""
 
     @staticmethod
     def forward(ctx: Any, gates: Tensor, start: Tensor, weight: Tensor, bias: Tensor, rows: Rows) -> Tensor:
@@ -66,7 +66,7 @@ class _Steps(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, None]:
         gates, kept_new, states, start, weight = ctx.saved_tensors
         (grad,) = grads
-        # The state before each line: the first, and of the others as many as go on.
+        # The state before each line: the first states, then those of the sequences that go on.
         before = torch.cat([start, *[states[b : b + n - e] for (b, _), (e, n) in pairwise(ctx.rows)]])
         reset, update, new = gates.chunk(3, dim=1)
         by_state = torch.stack([  # of reset, update and new before their nonlinearities, by the state after
@@ -79,9 +79,9 @@ class _Steps(torch.autograd.Function):
         later = torch.zeros_like(start)
         for begin, end in reversed(ctx.rows):
             count = end - begin
-            here = total[begin:end].add_(later[:count])
-            through = (by_kept[begin:end] * here[:, None]).flatten(1)
-            later[:count] = torch.addmm(here * update[begin:end], through, weight)
+            gradient = total[begin:end].add_(later[:count])
+            through = (by_kept[begin:end] * gradient[:, None]).flatten(1)
+            later[:count] = torch.addmm(gradient * update[begin:end], through, weight)
         grad_gates = (by_state * total[:, None]).flatten(1)
         grad_kept = (by_kept * total[:, None]).flatten(1)
         return grad_gates, later, grad_kept.T @ before, grad_kept.sum(dim=0), None

@@ -1,4 +1,4 @@
-"""What may come next in a program that is being written [Jones et al. 2020, supplement].
+"""Rules for the next statement of a program that is being written [Jones et al. 2020, supplement].
 
 A block is written statement by statement and executed as it grows. What these rules rule out never
 happens in published programs, or leads to a part that hangs in the air:
@@ -41,7 +41,7 @@ OFF_PLANE = 0.01  # share of the bbox's length: nearer to the mirror a centre is
 
 
 class Invalid(Exception):
-    """What was written can't be kept; the message is one of a few, to be counted."""
+    """A program that breaks a rule; the message is one of a few, so that failures can be counted."""
 
 
 class BlockRules:
@@ -58,7 +58,7 @@ class BlockRules:
         self._copied = np.zeros(SLOTS, bool)
 
     def commands(self) -> Bool[ndarray, " 7"]:
-        """Which commands may come next; there is always one."""
+        """Whether each command may come next; at least one may."""
         allowed = np.zeros(len(COMMANDS), bool)
         allowed[CUBOID] = self.phase == PHASE[CUBOID] and len(self.names) < SLOTS
         if len(self.statements) < MAX_LINES:
@@ -68,7 +68,7 @@ class BlockRules:
         return allowed
 
     def operands(self, command: int, chosen: tuple[int, ...]) -> Bool[ndarray, " 11"]:
-        """Which slots may be the next operand of a command, after those chosen."""
+        """Whether each slot may be the next operand of a command, after those chosen."""
         if command == CUBOID:
             return np.arange(SLOTS) == len(self.names)
         if command in (REFLECT, TRANSLATE):
@@ -83,19 +83,19 @@ class BlockRules:
         return self._grounded & ~np.isin(np.arange(SLOTS), others)
 
     def axes(self, command: int, slot: int) -> Bool[ndarray, " 3"]:
-        """Along which axes a cuboid may be copied."""
+        """Whether a cuboid may be copied along each axis."""
         if command == TRANSLATE:
             return np.ones(3, bool)
         return np.abs(np.array(self._bodies[self.names[slot]].centre)) > OFF_PLANE * self.size
 
     @staticmethod
     def faces(operands: tuple[int, ...]) -> Bool[ndarray, " 6"]:
-        """By which faces a squeeze may hold its cuboid."""
+        """Whether a squeeze may hold its cuboid by each of FACES."""
         upright = [name in ("top", "bot") for name in FACE_NAMES]
         return np.array(upright) if 0 in operands[1:] else np.ones(6, bool)
 
     def add(self, statement: Statement) -> None:
-        """Write a statement and execute it. Raises Invalid for what execution shows."""
+        """Write a statement and execute it. Raises Invalid if the executed cuboids break a rule."""
         self.statements.append(statement)
         before = set(self._bodies)
         try:

@@ -18,7 +18,7 @@ LARGEST_GRADIENT = 10.0  # its norm is cut to that, a program
 
 @dataclass(frozen=True)
 class Settings:
-    """How it is trained."""
+    """Sizes, length and weights of the autoencoder's training."""
 
     width: int  # of the layers; official: 256
     code: int  # numbers in a program's code; official: 256
@@ -37,7 +37,7 @@ def train_programs(
 ) -> tuple[ProgramVAE, list[dict[str, int | float]]]:
     """A trained autoencoder, and its losses along the way: means over the programs of a batch, without weights.
 
-    `report` is told steps and loss. Same programs, settings and threads give the same weights.
+    `report` is called with steps and loss. Same programs, settings and threads give the same weights.
     """
     model = ProgramVAE.drawn(settings.width, settings.code, settings.seed)
     weights = torch.tensor([{**WEIGHTS, "divergence": settings.divergence}[term] for term in TERMS])
@@ -64,7 +64,7 @@ def train_programs(
 
 
 def _batches(programs: Sequence[ProgramTokens], settings: Settings, rng: np.random.Generator) -> Iterator[Batch]:
-    """One for each step; every program comes once before any comes again."""
+    """Batches, one for each step; every program comes once before any comes again."""
     size = min(settings.batch, len(programs))
     order: list[int] = []
     for _ in range(settings.steps):

@@ -47,7 +47,7 @@ PROGRAMS = Layout(
 
 
 def write_cuboids(folder: Path, fitted: Mapping[str, FittedCage]) -> None:
-    """Write cages, how they fit, and the programs among them, by shape id."""
+    """Write cages, the quality of their fit, and the programs among them, by shape id."""
     CUBOIDS.write(
         folder / "cuboids.parquet",
         [
@@ -104,7 +104,7 @@ def read_assemblies(folder: Path) -> dict[str, Assembly]:
 
 
 def read_bounding(folder: Path) -> dict[str, float]:
-    """How the cuboids of all shapes bound their parts: means over parts, and how many there are and aren't bounded."""
+    """Quality of all cuboids: means over parts, the number of parts, and the number of unbounded ones."""
     rows = CUBOIDS.read(folder / "cuboids.parquet")
     means = {
         name: float(np.mean([row[name] for row in rows])) for name in ("outside_before", "outside", "volume_ratio")

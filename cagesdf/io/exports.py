@@ -68,7 +68,7 @@ Scenes = Mapping[str, Mapping[str, Mesh]]
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where and how finely the vertices of a shape are stored."""
+    """Origin and step of a shape's stored vertices."""
 
     origin: Float[ndarray, " 3"]  # of the stored vertices, in the mesh's own frame
     step: float  # between possible coordinates, mesh units; 0: float32's
@@ -175,7 +175,7 @@ def _write_obj(path: Path, origin: Float[ndarray, " 3"], whole: Mesh, scenes: Sc
 
 
 def obj(groups: Iterable[tuple[Float[ndarray, "_ 3"], Mapping[str, Int[ndarray, "_ 3"]]]]) -> str:
-    """Wavefront OBJ: vertices, and the faces over them by object; as many digits as tell the numbers of their type.
+    """Wavefront OBJ: vertices, and the faces over them by object; as many digits as distinguish numbers of their type.
 
     Names have underscores for blanks, where some readers would cut them.
     """
@@ -220,7 +220,7 @@ class _Gltf:
         self._append("scenes", {"name": name, "nodes": nodes})
 
     def _add(self, array: ndarray, kind: str, number: int, target: int, count: int, bounds: dict[str, Any]) -> int:
-        """Numbers in a view of their own; the number of the accessor to them."""
+        """Add numbers in a view of their own; returns the number of their accessor."""
         content = array.tobytes()
         view = {"buffer": 0, "byteOffset": len(self._bytes), "byteLength": len(content), "target": target}
         self._bytes += content

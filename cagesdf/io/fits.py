@@ -3,7 +3,7 @@
 cuboids.parquet, programs.parquet   as fit_cuboids writes them, for one shape
 latent.safetensors                  latent (d); residual (p, k): what is added to the code of each part
 surface.ply                         the surface, in the user's frame and unit
-report.json                         the verdict, and how near all this comes
+report.json                         the verdict, and the distances from the shape
 """
 
 import json

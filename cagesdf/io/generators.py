@@ -2,7 +2,7 @@
 
 generator.json        its class, its sizes, and how good it is
 weights.safetensors   the autoencoder's weights, float32, where it writes programs
-known.parquet         one row a training shape: what a sample is compared with to be new
+known.parquet         one row a training shape, for the novelty of samples
 log.jsonl             the course of the training; empty where nothing was trained
 """
 

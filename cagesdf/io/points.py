@@ -23,7 +23,7 @@ from cagesdf.errors import InputError
 from cagesdf.io.metadata import COMPRESSION, Column, Layout
 
 KIND = "points"
-PointsOf = Literal["shape", "part"]  # whose surface distances are to
+PointsOf = Literal["shape", "part"]  # the surface that distances are to
 CHUNK = 64
 CHUNKS_PER_GROUP = 256
 _IDS = pa.dictionary(pa.int32(), pa.string())
@@ -115,7 +115,7 @@ def shard_path(folder: Path, of: PointsOf, number: int) -> Path:
 def write_shard(path: Path, pieces: Sequence[PointChunks], rng: np.random.Generator, **facts: object) -> int:
     """Write one shard, the chunks of all pieces in an order drawn from `rng`; returns the number of rows.
 
-    `facts` (of what, sampler, seeds, counts) join the schema's block. What is held beside `pieces` is a row group.
+    `facts` (of what, sampler, seeds, counts) join the schema's block. Peak memory beyond `pieces`: one row group.
     """
     schema = POINTS.schema(**facts)
     ends = np.cumsum([len(piece) for piece in pieces])

@@ -1,4 +1,4 @@
-"""`sequences/`: the cages of every step, and how surfaces follow them.
+"""`sequences/`: the cages of every step, and the warps by which surfaces follow them.
 
 sequences.parquet  one row a (shape, step, part)
 warps.parquet      the same, only where surfaces don't follow their cuboids alone
@@ -68,7 +68,7 @@ def write_transfers(folder: Path, sequences: Iterable[Sequence], transfers: Mapp
 
 
 def read_transfers(folder: Path, sequences: Iterable[str]) -> dict[str, Transfer]:
-    """How the surfaces of these sequences follow their cages, by shape id."""
+    """Transfers, which make the surfaces of these sequences follow their cages, by shape id."""
     path = folder / "warps.parquet"
     warps: dict[str, dict[int, list[AxisWarp]]] = {}
     for row in WARPS.read(path) if path.is_file() else []:

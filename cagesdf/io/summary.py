@@ -54,7 +54,7 @@ def _text(paths: Sequence[Path], table: pa.Table, rows: int, ranges: dict[str, s
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows as lines whose columns begin below each other."""
+    """Rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
 
@@ -142,7 +142,7 @@ class _Totals:
         self.low, self.high = np.minimum(self.low, values.min(axis=0)), np.maximum(self.high, values.max(axis=0))
 
     def by(self, *fields: int) -> Counter[tuple[str | int, ...]]:
-        """Numbers of points by these fields of shape (0), step (1) and part (2)."""
+        """Numbers of points, summed by the given fields: shape (0), step (1), part (2)."""
         counts: Counter[tuple[str | int, ...]] = Counter()
         for key, count in self.cuboids.items():
             counts[tuple(key[field] for field in fields)] += count

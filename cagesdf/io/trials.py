@@ -81,7 +81,7 @@ class TrialFolder:
 
     @property
     def definitions(self) -> dict[str, Any]:
-        """How the trials are to be measured."""
+        """Settings of the trials' measurement."""
         return read_block(self._file.schema_arrow, self.folder)["definitions"]
 
     def counts(self) -> dict[str, int]:

@@ -1,6 +1,6 @@
 """Weights in safetensors files, and the descriptions of the networks that they belong to.
 
-Nothing that a file says of sizes is believed. Descriptions are bounded; the network that one describes is laid out
+Sizes in a file are not trusted. Descriptions are bounded; the network that one describes is laid out
 without memory (torch's meta device), and a file's header must have just its tensors before any of them is read.
 """
 

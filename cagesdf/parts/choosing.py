@@ -1,4 +1,4 @@
-"""Whether the groups of a file are parts, or must parts be found?"""
+"""Choice between the groups of a file as parts and parts found in the surface."""
 
 import numpy as np
 from jaxtyping import Int
@@ -11,7 +11,7 @@ SEAMS = 0.01  # share of the edges: groups with more open edges in common are ma
 
 
 def doubt(groups: list[Mesh], boxes: float, found_boxes: float, tolerance: float) -> str:
-    """Why groups of faces are no parts; "" if they are.
+    """Reason why groups of faces are no parts; "" if they are.
 
     `groups` are canonical, `tolerance` a canonical length. `boxes` and `found_boxes` are the volumes of cuboids over
     that of the shape: of the groups, and of the parts that were found.

@@ -1,6 +1,6 @@
 """The closed, connected solids that the faces of a whole shape make up.
 
-Faces hang together if they share a vertex, after welding, whatever group or node they came in. Each component is made
+Faces are connected if they share a vertex, after welding, whatever group or node they came in. Each component is made
 solid by the chain of `solid.make_solid`; one that lies within another is no part of the surface and is left out.
 """
 
@@ -57,7 +57,7 @@ def components(mesh: Mesh, tolerance: float, min_thickness: float) -> list[Compo
 
 
 def _share(sheets: list[Mesh], mesh: Mesh) -> float:
-    """Of a mesh's area, the share of some of its faces."""
+    """Share of a mesh's area that some of its faces have."""
     return float(face_areas(join(sheets)).sum() / face_areas(mesh).sum())
 
 
@@ -92,7 +92,7 @@ def _solids(repaired: Solid, faces: int) -> list[Component]:
 
 
 def _visible(closed: list[Component]) -> list[Component]:
-    """Without components that lie within a larger one."""
+    """The components that don't lie within a larger one."""
     boxes = np.array([component.solid.bounding_box() for component in closed]).reshape(-1, 2, 3)
     kept: list[int] = []
     for i, component in enumerate(closed):
@@ -104,5 +104,5 @@ def _visible(closed: list[Component]) -> list[Component]:
 
 
 def last_method(repairs: list[Solid]) -> str:
-    """The last step of the repair that any of them needed."""
+    """The last step of the repair that any component needed."""
     return max((repair.method for repair in repairs), key=METHODS.index)

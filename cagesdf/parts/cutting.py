@@ -32,7 +32,7 @@ CONCAVE = np.sin(np.radians(15))  # edges that are turned in by more
 FLAT = 0.03  # of its extent: a loop of concave edges no less flat has a plane
 ASIDE = 2e-4  # canonical units
 SECTIONS = 40  # along each axis
-ANGLES = 12  # within a right angle, of cuboids that are tried about an axis
+ANGLES = 12  # tried turns of a cuboid about an axis, within a right angle
 CRUMB = 1e-4  # share of a solid's volume that is no piece
 HOLLOW = 1.3  # outer volume over volume, above which a curved solid is a vessel
 HELD = 0.4  # share of its cuboid that a vessel's outer volume takes: a ball's is half
@@ -45,7 +45,7 @@ Plane = tuple[float, float, float, float]  # unit normal n and offset d: the pla
 
 @dataclass(frozen=True, eq=False)
 class Fragment:
-    """A connected piece of a component: what some half-spaces leave of it."""
+    """A connected piece of a component, in some half-spaces."""
 
     solid: manifold3d.Manifold  # canonical
     component: int  # number of the component
@@ -181,7 +181,7 @@ def _best_cut(piece: _Cut, price: float) -> tuple[Plane, list[_Cut]] | None:
 
 
 def _undo(piece: _Cut, price: float) -> float:
-    """Undo cuts that didn't pay, from the last to the first; the cost of what is left."""
+    """Undo cuts that didn't pay, from the last to the first; returns the cost of the remaining pieces."""
     whole = piece.box + price
     if piece.children:
         parts = sum(_undo(child, price) for child in piece.children)
@@ -192,7 +192,7 @@ def _undo(piece: _Cut, price: float) -> float:
 
 
 def _made(piece: _Cut, fragment: Fragment) -> list[Fragment]:
-    """The cuts of a searched copy made in a fragment; its pieces go on as those of the copy that lie there."""
+    """The pieces of a fragment after the cuts of the searched copy; each is cut like the copy's piece in its place."""
     if piece.plane is None:
         return [fragment]
     boxes = np.array([child.solid.bounding_box() for child in piece.children])
@@ -356,7 +356,7 @@ def _is_curved(solid: manifold3d.Manifold, axes: Float[ndarray, "3 3"]) -> bool:
 
 
 def _outer_volume(solid: manifold3d.Manifold, axes: Float[ndarray, "3 3"]) -> float:
-    """The volume of a solid with what it encloses from both sides along two axes, as vessels, tubes and rings do.
+    """Volume of a solid and of the space that it encloses from both sides along two axes, as vessels and rings do.
 
     On a grid, as a multiple of the solid's volume there: thin walls may fall between its points.
     """

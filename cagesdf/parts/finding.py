@@ -1,4 +1,4 @@
-"""Parts of a shape whatever its files call parts: components, cut where a cuboid fits badly, merged where one fits."""
+"""Parts found in the surface of a shape: components, cut where a cuboid fits badly, merged where one fits."""
 
 from dataclasses import dataclass
 

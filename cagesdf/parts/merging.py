@@ -84,7 +84,7 @@ class _Pairs:
             self._join(min(costs)[1])
 
     def reduce(self, count: int) -> None:
-        """Merge whatever adds least until there are at most `count` groups, neighbours first."""
+        """Merge the pair that adds least until there are at most `count` groups, neighbours first."""
         while len(self.groups) > count:
             costs = list(self._costs()) or [(added, pair) for added, pair in self._costs(np.inf)]
             self._join(min(costs)[1])

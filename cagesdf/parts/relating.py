@@ -1,4 +1,4 @@
-"""Relations between the parts of a shape whose files tell none: attached, mirrored, moved, turned.
+"""Relations between the parts of a shape whose files have none: attached, mirrored, moved, turned.
 
 Two parts repeat each other if one lies on the other after a motion, up to a share of its size. There may be several
 such motions: four straight legs are both mirrored and moved. Three or more in a row at equal steps are moved; otherwise
@@ -88,9 +88,9 @@ class _Motion:
 
     def leads(self, a: _Body, b: _Body) -> bool:
         """Whether it takes one body to the other."""
-        there = a.points @ self.matrix.T + self.offset
+        moved = a.points @ self.matrix.T + self.offset
         back = (b.points - self.offset) @ self.matrix
-        return bool(b.surface.unsigned(there).max() <= b.reach and a.surface.unsigned(back).max() <= a.reach)
+        return bool(b.surface.unsigned(moved).max() <= b.reach and a.surface.unsigned(back).max() <= a.reach)
 
 
 def relations(parts: dict[str, Mesh]) -> tuple[Relation, ...]:
@@ -139,21 +139,21 @@ def _repeated(bodies: list[_Body]) -> list[Relation]:
 
 
 def _relation(a: _Body, b: _Body, alike: list[_Body]) -> Relation | None:
-    """How b is made of a, `alike` being all parts of their kind; None if it isn't, or they are in one place."""
-    way = b.centre - a.centre
-    if np.linalg.norm(way) <= min(a.reach, b.reach):
+    """The relation that makes b from a, or None; also None in one place. `alike` are all parts of their kind."""
+    offset = b.centre - a.centre
+    if np.linalg.norm(offset) <= min(a.reach, b.reach):
         return None
-    moved = _Motion(np.eye(3), way).leads(a, b)
+    moved = _Motion(np.eye(3), offset).leads(a, b)
     if moved and any(
-        np.linalg.norm(c.centre - end) <= a.reach for c in alike for end in (b.centre + way, a.centre - way)
+        np.linalg.norm(c.centre - end) <= a.reach for c in alike for end in (b.centre + offset, a.centre - offset)
     ):
-        return Translation(a.part_id, b.part_id, _vector(way))
-    normal = way / np.linalg.norm(way)
+        return Translation(a.part_id, b.part_id, _vector(offset))
+    normal = offset / np.linalg.norm(offset)
     middle = (a.centre + b.centre) / 2
     if _Motion.about(middle, np.eye(3) - 2 * np.outer(normal, normal)).leads(a, b):
         return Reflection(a.part_id, b.part_id, _vector(middle), _vector(normal))
     if moved:
-        return Translation(a.part_id, b.part_id, _vector(way))
+        return Translation(a.part_id, b.part_id, _vector(offset))
     return _rotation(a, b, alike)
 
 

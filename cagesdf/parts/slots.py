@@ -26,7 +26,7 @@ BOARD = 0.4  # of the other extents: a part is a board
 
 @dataclass(eq=False)
 class _Slot:
-    """A place, the mean of those of the parts that have had it."""
+    """A place: the mean place of the parts that were assigned to it."""
 
     label: str
     place: Float[ndarray, " 6"]

@@ -4,7 +4,7 @@
         {"name": "seat", "label": "seat", "pieces": [
             {"component": 0, "planes": [[0, 1, 0, 0.45]], "inside": [0, 0.4, 0]}]}, …]}
 
-A piece is what half-spaces n·x ≤ d leave of a connected component of the shape, around a point. To merge parts, put
+A piece is the part of a connected component of the shape in half-spaces n·x ≤ d, around a point. To merge parts, put
 their pieces into one list; to split a piece by a plane, write it twice, with the plane and with its opposite. Lengths
 are in the mesh file's frame and unit; components are numbered by volume, the largest first.
 """

@@ -1,1 +1,1 @@
-"""What holds a shape's parts together, behind one interface."""
+"""Structures of shapes: part hierarchies and programs, behind one interface."""

@@ -52,18 +52,18 @@ class Assembly(Structure):
         return replace(self, program=program)
 
     def labelled(self, names: Mapping[str, str]) -> "Assembly":
-        """The same program, its parts called by what they are."""
+        """The same program with semantic names for its parts."""
         return replace(self, names={part: name for part, name in names.items() if name})
 
     def labels(self) -> dict[str, str]:
-        """By part id; the language has no place for them."""
+        """Labels by part id; the language has no place for them."""
         return {part: self.names.get(part, "") for part in self.parts()}
 
     def parameters_of(self, other: "Assembly", pairs: tuple[tuple[str, str], ...]) -> Float[ndarray, " t"]:
         """Another program's continuous parameters, in the order of this one's.
 
-        `pairs` are corresponding parts, ours first: programs of equal signature may name and order
-        things otherwise. Raises ValueError if the programs say different things of the pairs.
+        `pairs` are corresponding parts, ours first: programs of equal signature may differ in names and
+        order. Raises ValueError if statements about paired parts differ.
         """
         names = {ROOT: ROOT}
         for ours, theirs in pairs:
@@ -72,8 +72,8 @@ class Assembly(Structure):
         for node, (block, members) in self._nodes.items():
             if block.name not in numbers:
                 local = {member.name: names[below(node, member.name)].rpartition("/")[2] for member in members}
-                there, _ = other._nodes[names[node]]
-                numbers[block.name] = _in_order(block, there, {BBOX: BBOX, **local})
+                other_block, _ = other._nodes[names[node]]
+                numbers[block.name] = _in_order(block, other_block, {BBOX: BBOX, **local})
         return np.array([number for block in self.program.blocks for number in numbers[block.name]])
 
     def placed_program(self) -> tuple[AssemblyProgram, Similarity]:
@@ -86,18 +86,18 @@ class Assembly(Structure):
 
     @cached_property
     def _nodes(self) -> dict[str, tuple[Block, tuple[Member, ...]]]:
-        """By the id of each node that a block fills: the block and its cuboids."""
-        found: dict[str, tuple[Block, tuple[Member, ...]]] = {}
+        """Blocks with their cuboids, by the id of the node that each fills."""
+        result: dict[str, tuple[Block, tuple[Member, ...]]] = {}
 
         def visit(node: str, block: Block) -> None:
-            found[node] = block, block.members()
+            result[node] = block, block.members()
             for member in block.members():
                 inside = self.program.block(member.original)
                 if inside is not None:
                     visit(below(node, member.name), inside)
 
         visit(ROOT, self.program.blocks[0])
-        return found
+        return result
 
     def root(self) -> str:
         """ROOT."""
@@ -110,15 +110,15 @@ class Assembly(Structure):
 
     def parts(self) -> tuple[str, ...]:
         """Ids of the leaves, in the order of execution: breadth first."""
-        level, found = [ROOT], list[str]()
+        level, leaves = [ROOT], list[str]()
         while level:
             children = [child for node in level for child in self.children(node)]
-            found += [child for child in children if child not in self._nodes]
+            leaves += [child for child in children if child not in self._nodes]
             level = [child for child in children if child in self._nodes]
-        return tuple(found)
+        return tuple(leaves)
 
     def relations(self) -> tuple[Relation, ...]:
-        """Between the cuboids of each block: what is attached to what, and what is a copy of what; canonical."""
+        """Attachments and copies among the cuboids of each block, canonical."""
         whole = Cuboid(np.zeros(3), np.eye(3), np.array(self.program.blocks[0].size)).transformed(self.placement)
         cuboids = {ROOT: whole, **execute_nodes(self.program).transformed(self.placement).cuboids()}
         return tuple(
@@ -128,7 +128,7 @@ class Assembly(Structure):
         )
 
     def signatures(self) -> dict[str, str]:
-        """By node id: see `canonical.node_signatures`. Names and the order of statements don't matter."""
+        """Signatures by node id: see `canonical.node_signatures`. Names and the order of statements don't matter."""
         return node_signatures(self.program, ROOT)
 
     def to_json(self) -> str:
@@ -165,34 +165,35 @@ def _in_order(block: Block, other: Block, names: Mapping[str, str]) -> list[floa
     waiting: dict[Fact, list[Statement]] = {}
     for statement in other.statements:
         waiting.setdefault(fact(statement), []).append(statement)
-    found = [*other.size]
+    numbers = [*other.size]
     for statement in block.statements:
         kind, cuboids = fact(statement)
         same = waiting.get((kind, tuple(names[name] for name in cuboids)))
         if not same:
             raise ValueError(f"block {other.name} says nothing like {statement} of {names}")
-        found += numbers_of(same.pop(0))
-    return found
+        numbers += numbers_of(same.pop(0))
+    return numbers
 
 
 def _relations(node: str, block: Block, members: tuple[Member, ...], cuboids: Mapping[str, Cuboid]) -> list[Relation]:
-    """Of one block's cuboids; attachments to the bbox are none."""
+    """Relations between one block's cuboids, without attachments to the bbox."""
     frame = cuboids[node]
-    found: list[Relation] = []
+    result: list[Relation] = []
     for statement in block.statements:
         attached = [statement] if isinstance(statement, Attach) else []
         if isinstance(statement, Squeeze):
             attached = [*statement.attaches()]
-        found += [Adjacency(below(node, a.a), below(node, a.b), 0.0) for a in attached if a.b != BBOX]
+        result += [Adjacency(below(node, a.a), below(node, a.b), 0.0) for a in attached if a.b != BBOX]
     for member in members:
         original, copy = below(node, member.original), below(node, member.name)
         match member.copied_by:
             case Reflect(_, letter):
-                found.append(Reflection(original, copy, _vector(frame.centre), _vector(frame.axes[AXES.index(letter)])))
+                normal = frame.axes[AXES.index(letter)]
+                result.append(Reflection(original, copy, _vector(frame.centre), _vector(normal)))
             case Translate():
-                way = cuboids[copy].centre - cuboids[original].centre
-                found.append(Translation(original, copy, _vector(way / member.number)))
-    return found
+                offset = cuboids[copy].centre - cuboids[original].centre
+                result.append(Translation(original, copy, _vector(offset / member.number)))
+    return result
 
 
 def _vector(values: np.ndarray) -> Vector:

@@ -1,4 +1,4 @@
-"""What a stage may ask of a structure, whatever holds the parts together."""
+"""The interface of structures, whatever holds the parts together."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -34,11 +34,11 @@ class Structure(ABC):
 
     @abstractmethod
     def cage(self) -> Cage:
-        """The parts' cuboids as it holds them. Raises InputError where it holds none."""
+        """The parts' cuboids that it stores. Raises InputError where it stores none."""
 
     @abstractmethod
     def transformed(self, similarity: Similarity) -> "Structure":
-        """The same structure, whatever lengths and places it holds taken through a similarity."""
+        """The same structure, all its lengths and places taken through a similarity."""
 
     def placed_program(self) -> tuple[AssemblyProgram, Similarity] | None:
         """The program that its cuboids follow from, and program → canonical; None where they are free of each other."""
@@ -49,14 +49,14 @@ class Structure(ABC):
         raise ValueError(f"the cuboids of {type(self).__name__} are free of each other, there is no program")
 
     def with_cuboids(self, cuboids: Mapping[str, Cuboid]) -> "Structure":
-        """The structure around other cuboids, by part id; its relations keep what they are of what.
+        """The same structure with new cuboids, by part id. Relations connect the same parts as before.
 
         Raises ValueError where cuboids follow from a program.
         """
         raise ValueError(f"the cuboids of {type(self).__name__} follow from its program; change that")
 
     def is_bare(self) -> bool:
-        """Whether it tells nothing of its parts but ids and labels, so that relations may be looked for."""
+        """Whether it has only ids and labels of its parts, so that relations may be looked for."""
         return False
 
     def with_relations(self, relations: tuple[Relation, ...]) -> "Structure":
@@ -68,7 +68,7 @@ class Structure(ABC):
 
     @abstractmethod
     def signatures(self) -> dict[str, str]:
-        """By node id, a text that two subtrees share if they are equal up to continuous parameters (§3.3)."""
+        """Signatures by node id: subtrees that are equal up to continuous parameters have the same text (§3.3)."""
 
     def signature(self) -> str:
         """The root's signature: that of the whole structure."""

@@ -1,4 +1,4 @@
-"""When two programs are equal up to continuous parameters (§3.3).
+"""Equality of programs up to continuous parameters (§3.3).
 
 Exactly: the same text but for the numbers. Canonically: also if cuboids are named otherwise or
 statements come in another order.
@@ -21,8 +21,8 @@ from cagesdf.structure.program import (
     Translate,
 )
 
-Fact = tuple[str, tuple[str, ...]]  # what a statement says but for numbers, and the cuboids it says it of
-Colours = dict[str, int]  # by cuboid; two have the same as long as nothing tells them apart
+Fact = tuple[str, tuple[str, ...]]  # a statement without its numbers, and the cuboids that it is about
+Colours = dict[str, int]  # by cuboid; equal as long as nothing distinguishes two cuboids
 
 
 def exact_signature(program: AssemblyProgram) -> str:
@@ -55,7 +55,7 @@ def without_flags(program: AssemblyProgram) -> AssemblyProgram:
 
 
 def node_signatures(program: AssemblyProgram, root: str) -> dict[str, str]:
-    """By path of each node: a text that siblings share which nothing tells apart, in this program or an equal one.
+    """Signatures by node path: siblings that nothing distinguishes share one, in this program or an equal one.
 
     The root, under the path `root`, has the canonical signature.
     """
@@ -74,7 +74,7 @@ def node_signatures(program: AssemblyProgram, root: str) -> dict[str, str]:
 
 
 def fact(statement: Statement) -> Fact:
-    """What a statement says but for its numbers, and of which cuboids."""
+    """The text of a statement without its numbers, and the cuboids that it is about."""
     match statement:
         case Declare():
             return f"Cuboid {statement.aligned}", (statement.name,)
@@ -89,7 +89,7 @@ def fact(statement: Statement) -> Fact:
 
 
 def _facts(block: Block) -> list[Fact]:
-    """What a block's statements say; those that copy say it of the copies too, in order."""
+    """Facts of a block's statements; those of statements that copy are about the copies too, in order."""
     copies = iter([member.name for member in block.members() if member.copied_by is not None])
     facts: list[Fact] = []
     for statement in block.statements:
@@ -116,24 +116,24 @@ def _signature(program: AssemblyProgram, block: Block) -> str:
         places = {name: place for place, name in enumerate(named)}
         keys = {name: (colour, places.get(name, len(named))) for name, colour in colours.items()}
         colours = _refined(facts, _ranked(keys))
-    said = sorted((kind, [colours[name] for name in names]) for kind, names in facts)
+    coloured = sorted((kind, [colours[name] for name in names]) for kind, names in facts)
     filled = sorted((colours[name], text) for name, text in inside.items())
     return ",".join(
-        [f"{kind}({' '.join(map(str, numbers))})" for kind, numbers in said]
+        [f"{kind}({' '.join(map(str, numbers))})" for kind, numbers in coloured]
         + [f"{colour}:[{text}]" for colour, text in filled]
     )
 
 
 def _interchangeable(facts: Sequence[Fact], names: Sequence[str]) -> bool:
-    """Whether just the same is said of each of these cuboids, of none together with another: any order will do."""
-    said: dict[str, list[tuple[str, ...]]] = {name: [] for name in names}
+    """Whether the facts about each of these cuboids are the same, and none is about two of them: any order will do."""
+    by_name: dict[str, list[tuple[str, ...]]] = {name: [] for name in names}
     for kind, about in facts:
-        own = [name for name in about if name in said]
-        if len(own) > 1:
+        members = [name for name in about if name in by_name]
+        if len(members) > 1:
             return False
-        if own:
-            said[own[0]].append((kind, *["" if name == own[0] else name for name in about]))
-    return len({tuple(sorted(entries)) for entries in said.values()}) == 1
+        if members:
+            by_name[members[0]].append((kind, *["" if name == members[0] else name for name in about]))
+    return len({tuple(sorted(entries)) for entries in by_name.values()}) == 1
 
 
 def _inside(program: AssemblyProgram, block: Block) -> dict[str, str]:
@@ -151,14 +151,14 @@ def _initial(block: Block, inside: Mapping[str, str]) -> Colours:
 
 
 def _refined(facts: Sequence[Fact], colours: Colours) -> Colours:
-    """Tell cuboids apart by what is said of them and of which others, until nothing new comes up."""
+    """Colours refined by the facts about each cuboid and its neighbours, until they no longer change."""
     while True:
-        said: dict[str, list[tuple]] = {name: [] for name in colours}
+        by_name: dict[str, list[tuple]] = {name: [] for name in colours}
         for kind, names in facts:
             numbers = [colours[name] for name in names]
             for place, name in enumerate(names):
-                said[name].append((kind, place, *numbers))
-        finer = _ranked({name: (colour, *sorted(said[name])) for name, colour in colours.items()})
+                by_name[name].append((kind, place, *numbers))
+        finer = _ranked({name: (colour, *sorted(by_name[name])) for name, colour in colours.items()})
         if len(set(finer.values())) == len(set(colours.values())):
             return finer
         colours = finer

@@ -75,7 +75,7 @@ class Body:
         self.axes: Axes = UPRIGHT
         self.anchors: list[tuple[Vector, Vector]] = []  # place in this cuboid, and the point it was put to
         self.moves: list[tuple[Vector, str]] = []  # place in this cuboid, and the cuboid it was put to
-        self.original: str = name  # what it is a copy of
+        self.original: str = name  # the declared cuboid that it is, or is a copy of
         self.mirror: int | None = None  # the axis it was mirrored along as a copy
 
     def numbers(self) -> tuple[Number, ...]:
@@ -103,7 +103,7 @@ def differentiate(program: AssemblyProgram) -> tuple[Cage, Float[ndarray, "p 15 
 
     Parameters are ordered as in `AssemblyProgram.parameters`. Choices (which axis is scaled,
     whether a cuboid grows, which lattice points are nearest) are taken as they fall: the
-    derivative is that of the piece that the parameters lie in. Raises ProgramError as `execute`.
+    derivative belongs to the smooth piece that the parameters lie in. Raises ProgramError as `execute`.
     """
     parameters = program.parameters()
     with np.errstate(over="ignore", invalid="ignore"):  # what isn't finite is refused below
@@ -142,8 +142,8 @@ def _nodes(program: AssemblyProgram) -> list[tuple[str, Body, bool]]:
         bodies = {block.name: _run(block) for block in program.blocks}
         while waiting:
             block, filled, path, mirror = waiting.popleft()
-            for own in bodies[block.name]:
-                body = _placed_in(own, filled, block.size, mirror)
+            for member in bodies[block.name]:
+                body = _placed_in(member, filled, block.size, mirror)
                 inside = blocks.get(body.original)
                 nodes.append((path + body.name, body, inside is None))
                 if inside is not None:
@@ -167,7 +167,7 @@ def _placed_in(body: Body, filled: Body, size: Vector, mirror: int | None) -> Bo
     if filled.axes is not UPRIGHT:
         x, y, z = axes
         axes = (turned(x, filled.axes), turned(y, filled.axes), turned(z, filled.axes))
-    length, height, width = (own * whole / block for own, whole, block in zip(body.size, filled.size, size))
+    length, height, width = (side * whole / block for side, whole, block in zip(body.size, filled.size, size))
     placed = Body(body.name, (length, height, width), body.aligned)
     placed.centre = add(turned(centre, filled.axes), filled.centre)
     placed.axes = axes
@@ -220,11 +220,11 @@ def _reflect(bodies: dict[str, Body], body: Body, axis: int) -> None:
         _attach(copy, bodies[target], with_number(q, axis, 1.0 - q[axis]), _clamped(_place(bodies[target], point)))
 
 
-def _translate(bodies: dict[str, Body], body: Body, axis: int, way: Number) -> None:
+def _translate(bodies: dict[str, Body], body: Body, axis: int, offset: Number) -> None:
     copy = _copy(bodies, body)
     for q, target in body.moves:
         point = _point(body, q)
-        point = with_number(point, axis, point[axis] + way)
+        point = with_number(point, axis, point[axis] + offset)
         _attach(copy, bodies[target], q, _clamped(_place(bodies[target], point)))
 
 
@@ -285,7 +285,7 @@ def _second(a: Body, at: Vector, goal: Vector) -> None:
 
 
 def _growth(arm: Vector, offset: Vector, distance: Number) -> Number | None:
-    """By how much a length must change so that `offset` + growth · `arm` has the length `distance`, if it can."""
+    """Change of a length that gives `offset` + growth · `arm` the length `distance`; None if none does."""
     a, b, c = dot(arm, arm), 2 * dot(arm, offset), dot(offset, offset) - distance * distance
     if a < MET * MET:
         return None
@@ -305,10 +305,10 @@ def _general(a: Body, at: Vector, goal: Vector) -> None:
 def _orient(a: Body, at: Vector, goal: Vector) -> None:
     """Turn a cuboid about the line of its first two anchors, so that a place comes as near to `goal` as that goes."""
     held, first = a.anchors[0]
-    way = sub(first, a.anchors[1][1])
-    if length(way) < MET:
+    line = sub(first, a.anchors[1][1])
+    if length(line) < MET:
         return
-    axis = scaled(way, 1 / length(way))
+    axis = scaled(line, 1 / length(line))
     old, new = (_across(sub(point, first), axis) for point in (_point(a, at), goal))
     radius, reach = length(old), length(new)
     if radius < MET or reach < MET or length(sub(scaled(old, reach / radius), new)) < ALIKE:
@@ -325,14 +325,14 @@ def _orient(a: Body, at: Vector, goal: Vector) -> None:
 
 
 def _across(v: Vector, axis: Vector) -> Vector:
-    """What remains of a vector without its share along a unit vector."""
+    """Component of a vector perpendicular to a unit vector."""
     return sub(v, scaled(axis, dot(v, axis)))
 
 
 def _stretch(a: Body, at: Vector, goal: Vector) -> None:
     held, pin = a.anchors[0]
-    way = sub(goal, _point(a, at))
-    distance = length(way)
+    gap = sub(goal, _point(a, at))
+    distance = length(gap)
     if distance < ALIKE:
         return
     chosen = None
@@ -341,11 +341,11 @@ def _stretch(a: Body, at: Vector, goal: Vector) -> None:
         if any(length(sub(_arm(a, q, k), pinned)) > ALIKE for q, _ in a.anchors) or is_zero(arm):
             continue
         direction, share = scaled(arm, 1 / length(arm)), length(sub(arm, pinned))
-        if share >= MET and dot(way, direction) / distance > ALONG:
+        if share >= MET and dot(gap, direction) / distance > ALONG:
             chosen = k, direction, share  # the last one wins
     if chosen:
         k, direction, share = chosen
-        a.size = with_number(a.size, k, a.size[k] + abs(dot(way, direction)) / share)
+        a.size = with_number(a.size, k, a.size[k] + abs(dot(gap, direction)) / share)
     _pin(a, held, pin)
 
 
@@ -382,9 +382,9 @@ def _has_corner_in(a: Body, b: Body) -> bool:
 
 
 def _nearest_lattice_places(a: Body, b: Body) -> tuple[Vector, Vector]:
-    """Of each cuboid's lattice of LATTICE³ points the places of the two that are nearest to each other.
+    """Places of the nearest two points of the cuboids' lattices, LATTICE³ points each.
 
-    Of pairs that are equally near it is that with the first point in a's lattice, x fastest, then in b's.
+    Among equally near pairs the one with the first point in a's lattice, x fastest, then in b's, is taken.
     """
     if not all(math.isfinite(number) for number in (*a.centre, *a.size, *b.centre, *b.size)):
         raise OverflowError
@@ -437,7 +437,7 @@ def _place(body: Body, point: Vector) -> Vector:
 
 
 def _arm(body: Body, q: Vector, k: int) -> Vector:
-    """By how much the point at `q` moves when length number `k` grows by one."""
+    """Movement of the point at `q` when length number `k` grows by one."""
     return scaled(body.axes[k], q[k] - 0.5)
 
 

@@ -49,7 +49,7 @@ class PartHierarchy(Structure):
 
     @staticmethod
     def flat(part_ids: tuple[str, ...], labels: tuple[str, ...], category: str) -> "PartHierarchy":
-        """A root with the parts below it: what a plain folder of part meshes tells."""
+        """A root with the parts below it: the hierarchy of a plain folder of part meshes."""
         leaves = tuple(Node(part_id, label, (), (), None) for part_id, label in zip(part_ids, labels))
         root = "root"
         while root in part_ids:
@@ -105,7 +105,7 @@ class PartHierarchy(Structure):
         return replace(self, tree=renew(self.tree))
 
     def is_bare(self) -> bool:
-        """Whether it is a root with the parts below it, of whose relations nothing is told."""
+        """Whether it is a root with the parts below it and no relations."""
         return not self.tree.relations and not any(child.children for child in self.tree.children)
 
     def with_relations(self, relations: tuple[Relation, ...]) -> "PartHierarchy":
@@ -132,10 +132,10 @@ class PartHierarchy(Structure):
         return replace(self, tree=renew(self.tree))
 
     def signatures(self) -> dict[str, str]:
-        """By node id: labels, nesting and counts of the subtree, and which siblings are related how.
+        """Signatures by node id: labels, nesting and counts of the subtree, and relations among siblings.
 
-        Siblings are sorted by their own signature, so their order in the file doesn't matter; what comes and goes with
-        proportions is left out: adjacency, and relations that were found.
+        Siblings are sorted by their own signature, so their order in the file doesn't matter; relations that depend on
+        proportions are left out: adjacency, and relations that were found.
         """
 
         signatures: dict[str, str] = {}

@@ -72,7 +72,7 @@ class Jet:
 
     def __pow__(self, exponent: float | int) -> "Jet":
         power = self.value**exponent
-        # The length of a zero vector has no derivative; where that is asked for, nothing follows from it.
+        # The length of a zero vector has no derivative; nothing uses it where it is computed.
         return Jet(power, self.slope * (exponent * power / self.value) if self.value else self.slope * 0.0)
 
     def __eq__(self, other: object) -> bool:

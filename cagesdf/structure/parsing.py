@@ -109,10 +109,10 @@ def _statement(content: str, source: str, number: int) -> Statement:
         kind = "cuboid"
         if "=" not in content:
             raise ProgramError(source, number, content, f"wanted one of {'; '.join(_FORMS.values())}")
-    found = _PATTERNS[kind].fullmatch(content)
-    if found is None:
+    match = _PATTERNS[kind].fullmatch(content)
+    if match is None:
         raise ProgramError(source, number, content, f"wanted {_FORMS[kind]}")
-    g = found.groups()
+    g = match.groups()
     match kind:
         case "cuboid":
             return Declare(g[0], (float(g[1]), float(g[2]), float(g[3])), g[4] == "True")

@@ -13,8 +13,8 @@ A program is a tree of blocks; the first is the root. In text:
         ...
     }
 
-A cuboid called like a block is filled with what that block makes; all others are leaves. What
-the statements do is `executor.py`'s. `#` starts a comment.
+A cuboid with the name of a block is filled by that block; all others are leaves. `executor.py` defines
+the statements' effects. `#` starts a comment.
 """
 
 import math
@@ -78,8 +78,8 @@ class Squeeze:
     """`squeeze(a, b, c, face, u, v)`: attach `a` by its `face` to `b`, and by the opposite one to `c`."""
 
     a: str  # moves
-    b: str  # what its face is put to
-    c: str  # what its opposite face is put to
+    b: str  # its face touches this cuboid
+    c: str  # its opposite face touches this one
     face: str  # one of FACES
     place: tuple[Number, Number]  # on b and c, along the two axes that are not the face's, x before y before z
 
@@ -245,7 +245,7 @@ def _renumbered(block: Block, numbers: Iterator[Number]) -> Block:
 
 
 class Unexecutable(ProgramError):
-    """What `_check` finds, by block and statement."""
+    """The first error of a program, by block and statement."""
 
     def __init__(self, blocks: tuple[Block, ...], block: int, statement: int, wanted: str) -> None:
         text = str(blocks[block].statements[statement]) if statement >= 0 else ""
@@ -300,7 +300,7 @@ def _check(blocks: tuple[Block, ...]) -> None:
 
 
 def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict[str, int]:
-    """How often each declared cuboid of a block is there, copies included."""
+    """Number of cuboids for each declared one of a block: itself and its copies."""
     counts: dict[str, int] = {}
     copies: set[str] = set()
     moves: Counter[str] = Counter()
@@ -310,8 +310,8 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
     def known(j: int, *names: str) -> None:
         for name in names:
             if name not in counts and name not in copies and name != BBOX:
-                there = textwrap.shorten(", ".join([BBOX, *counts, *sorted(copies)]), 200, placeholder=" …")
-                raise fail(j, f"{name} is not there yet; wanted one of {there}")
+                declared = textwrap.shorten(", ".join([BBOX, *counts, *sorted(copies)]), 200, placeholder=" …")
+                raise fail(j, f"{name} is not there yet; wanted one of {declared}")
 
     def moved(j: int, name: str, *targets: str) -> None:
         known(j, name, *targets)
@@ -365,7 +365,7 @@ def _check_block(block: Block, fail: Callable[[int, str], ProgramError]) -> dict
 
 
 def copy_name(cuboids: int) -> str:
-    """What the next copy is called in a block that has so many cuboids, its bbox not counted."""
+    """Name of the next copy in a block of `cuboids` cuboids, its bbox not counted."""
     return f"cube{cuboids}"
 
 

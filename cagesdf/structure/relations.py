@@ -39,7 +39,7 @@ class Adjacency:
         return replace(self, distance=self.distance * similarity.scale)
 
     def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Adjacency":
-        """That of parts with other centres, which don't say how far the parts are apart."""
+        """The relation of moved parts: unchanged, since their centres don't say how far they are apart."""
         return self
 
 
@@ -57,10 +57,10 @@ class Reflection:
         return replace(self, point=_point(self.point, similarity), normal=_direction(self.normal, similarity))
 
     def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Reflection":
-        """That of parts with other centres."""
-        way = b - a
-        distance = float(np.linalg.norm(way))
-        normal = _vector(way / distance) if distance > MET else self.normal
+        """The relation of moved parts, by their new centres."""
+        offset = b - a
+        distance = float(np.linalg.norm(offset))
+        normal = _vector(offset / distance) if distance > MET else self.normal
         return replace(self, point=_vector((a + b) / 2), normal=normal)
 
 
@@ -77,7 +77,7 @@ class Translation:
         return replace(self, offset=_vector(similarity.scale * similarity.rotation @ self.offset))
 
     def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Translation":
-        """That of parts with other centres."""
+        """The relation of moved parts, by their new centres."""
         return replace(self, offset=_vector(b - a))
 
 
@@ -96,9 +96,9 @@ class Rotation:
         return replace(self, pivot=_point(self.pivot, similarity), axis=_direction(self.axis, similarity))
 
     def between(self, a: Float[ndarray, " 3"], b: Float[ndarray, " 3"]) -> "Rotation":
-        """That of parts with other centres, about the same direction by the same angle."""
-        way = np.cross(self.axis, b - a) / (2 * math.tan(self.angle / 2)) if abs(self.angle) > MET else 0
-        return replace(self, pivot=_vector((a + b) / 2 + way))
+        """The relation of moved parts, by their new centres, about the same direction by the same angle."""
+        arm = np.cross(self.axis, b - a) / (2 * math.tan(self.angle / 2)) if abs(self.angle) > MET else 0
+        return replace(self, pivot=_vector((a + b) / 2 + arm))
 
 
 Relation = Adjacency | Reflection | Translation | Rotation

@@ -9,7 +9,7 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 
 def read_structure(text: str) -> Structure:
-    """What `Structure.to_json` wrote, of whichever class. Raises InputError if it is neither."""
+    """The structure, of either class, that `Structure.to_json` wrote. Raises InputError for other text."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:

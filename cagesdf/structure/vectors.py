@@ -64,7 +64,7 @@ def with_number(a: Vector, k: int, number: Number) -> Vector:
 
 
 def turned(v: Vector, axes: Axes) -> Vector:
-    """From a cuboid's axes to those of its frame."""
+    """A vector in a cuboid's axes, expressed in those of its frame."""
     if axes is UPRIGHT:
         return v
     x, y, z = axes

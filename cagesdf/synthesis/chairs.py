@@ -106,7 +106,7 @@ def _corner(p: Proportions, y: float) -> ndarray:
 
 
 def sunk(p: Proportions) -> float:
-    """How far below a seat's or table's upper face its legs end: the corners of a splayed one are higher."""
+    """Distance of the legs' ends below a seat's or table's upper face: corners of a splayed leg are higher."""
     return JOINT + 0.7 * p["splay"] * p["leg"]
 
 
@@ -135,7 +135,7 @@ def _on_back(p: Proportions, x: float, above: float) -> ndarray:
 
 
 def _half_back(p: Proportions) -> float:
-    """From the middle to a post's axis."""
+    """Distance from the middle to a post's axis."""
     return p["width"] / 2 - INSET - 0.36 * p["leg"]
 
 
@@ -151,7 +151,7 @@ def _before(p: Proportions, cuboid: Cuboid, by: float) -> Cuboid:
 
 
 def _bowed(p: Proportions, cuboid: Cuboid) -> Cuboid:
-    """A cuboid on the back's plane moved backwards, so that what is bowed in it has its ends at the posts' front."""
+    """A cuboid on the back's plane moved backwards, so that a bowed surface in it ends at the posts' front."""
     return _before(p, cuboid, 0.3 * p["leg"] - p["deep"] / 2)
 
 

@@ -1,4 +1,4 @@
-"""Which shapes make up a procedural data set, and their meshes."""
+"""Procedural data sets: the recipes of their shapes, and the meshes."""
 
 from collections.abc import Mapping, Sequence
 
@@ -77,7 +77,7 @@ def _follow(value: float, source: tuple[float, float], target: tuple[float, floa
 
 
 def draw(recipe: Recipe) -> Drawing:
-    """The structure with its cuboids, and what fills them."""
+    """The structure with its cuboids, and the surfaces that fill them."""
     family = CATEGORIES[recipe.category].families[recipe.family]
     return finish(family.draw(recipe.proportions))
 

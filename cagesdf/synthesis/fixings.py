@@ -1,4 +1,4 @@
-"""How the cuboids of a procedural program are held, whatever their numbers, and the statements that say it."""
+"""Fixings of a procedural program's cuboids, whatever their numbers, and the statements for them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -20,11 +20,11 @@ Targets = Mapping[int | None, Target]  # by place among the block's declared cub
 
 
 class Fixing(ABC):
-    """How a cuboid is held in its block."""
+    """The attachments that hold a cuboid in its block."""
 
     @abstractmethod
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
-        """The statements that put it in its place, `own`."""
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
+        """The statements that put the cuboid in its place, `held`."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Touching(Fixing):
 
     target: int
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One attach."""
         other, cuboid = targets[self.target]
-        meeting = meeting_point(own, cuboid)
-        return [Attach(name, other, rounded(place_in(own, meeting)), rounded(place_in(cuboid, meeting)))]
+        meeting = meeting_point(held, cuboid)
+        return [Attach(name, other, rounded(place_in(held, meeting)), rounded(place_in(cuboid, meeting)))]
 
 
 @dataclass(frozen=True)
@@ -46,21 +46,21 @@ class Standing(Fixing):
 
     end: float
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One attach."""
         box, frame = targets[None]
         at = np.array([0.5, self.end, 0.5])
-        return [Attach(name, box, rounded(at), rounded(place_in(frame, point_in(own, at))))]
+        return [Attach(name, box, rounded(at), rounded(place_in(frame, point_in(held, at))))]
 
 
 @dataclass(frozen=True)
 class Through(Fixing):
-    """From the bbox's floor to its ceiling."""
+    """Squeezed between the bbox's floor and its ceiling."""
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """One squeeze."""
         box, frame = targets[None]
-        u, _, v = rounded(place_in(frame, own.centre))
+        u, _, v = rounded(place_in(frame, held.centre))
         return [Squeeze(name, box, box, "bot", (u, v))]
 
 
@@ -72,11 +72,11 @@ class Turned(Fixing):
     high: Triple  # of the other: it differs along the axis alone
     targets: tuple[int | None, int | None]  # what each end is attached to
 
-    def statements(self, name: str, own: Cuboid, targets: Targets) -> list[Statement]:
+    def statements(self, name: str, held: Cuboid, targets: Targets) -> list[Statement]:
         """Two attaches."""
         ends = [(at, *targets[target]) for at, target in zip((self.low, self.high), self.targets)]
         return [
-            Attach(name, other, at, rounded(place_in(cuboid, point_in(own, np.array(at)))))
+            Attach(name, other, at, rounded(place_in(cuboid, point_in(held, np.array(at)))))
             for at, other, cuboid in ends
         ]
 
@@ -89,11 +89,11 @@ class Copies:
     axis: int
     mirrored: bool  # there is one, the mirror image; else they follow each other in equal steps
 
-    def statement(self, name: str, own: Cuboid, last: Cuboid, frame: Cuboid) -> Statement:
+    def statement(self, name: str, original: Cuboid, last: Cuboid, frame: Cuboid) -> Statement:
         """The statement that makes them; `last` is the last of them."""
         if self.mirrored:
             return Reflect(name, AXES[self.axis])
-        span = (last.centre - own.centre)[self.axis] / frame.size[self.axis]
+        span = (last.centre - original.centre)[self.axis] / frame.size[self.axis]
         return Translate(name, AXES[self.axis], len(self.children), round(float(span), PLACE_DIGITS))
 
 
@@ -112,7 +112,7 @@ def highest(cuboid: Cuboid) -> Float[ndarray, " 3"]:
 
 
 def meeting_point(a: Cuboid, b: Cuboid) -> Float[ndarray, " 3"]:
-    """A point in both cuboids, or near to both: the middle of where their axis-aligned boxes overlap if it is one."""
+    """A point in both cuboids, or near both: the middle of their axis-aligned boxes' overlap if it is such a point."""
     point = (np.maximum(lowest(a), lowest(b)) + np.minimum(highest(a), highest(b))) / 2
     for _ in range(ROUNDS):
         point = point_in(a, place_in(a, point_in(b, place_in(b, point))))
@@ -120,7 +120,7 @@ def meeting_point(a: Cuboid, b: Cuboid) -> Float[ndarray, " 3"]:
 
 
 def place_in(cuboid: Cuboid, point: Float[ndarray, " 3"]) -> Float[ndarray, " 3"]:
-    """Where a point is in a cuboid: 0 and 1 are its faces along each axis; the nearest place within."""
+    """Coordinates of a point in a cuboid, 0 and 1 on its faces; those of the nearest place within."""
     return np.clip(cuboid.axes @ (point - cuboid.centre) / cuboid.size + 0.5, 0, 1)
 
 
@@ -130,7 +130,7 @@ def point_in(cuboid: Cuboid, place: Float[ndarray, " 3"]) -> Float[ndarray, " 3"
 
 
 def beyond(cuboid: Cuboid, point: Float[ndarray, " 3"]) -> float:
-    """By how much a point lies beyond one of a cuboid's faces; negative inside."""
+    """Largest distance of a point beyond one of a cuboid's faces; negative inside."""
     return float((np.abs(cuboid.axes @ (point - cuboid.centre)) - cuboid.size / 2).max())
 
 

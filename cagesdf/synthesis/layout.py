@@ -23,7 +23,7 @@ TOUCHING = 0.02  # cuboids nearer than this are adjacent
 
 @dataclass(frozen=True)
 class Style:
-    """What no cuboid shows."""
+    """The choices and numbers of a shape that its cuboids don't show."""
 
     kinds: Mapping[str, str]  # named choices: of leg, of edge, ...
     factors: Mapping[str, float]  # named numbers, in raw units where they are lengths
@@ -181,10 +181,10 @@ def _adjacencies(children: tuple[Node, ...]) -> list[Adjacency]:
     cages = [Cage.of({leaf.node_id: leaf.cuboid for leaf in child.walk() if leaf.cuboid}) for child in children]
     steps = np.array(np.meshgrid(*[np.linspace(-0.5, 0.5, 5)] * 3)).reshape(3, -1).T
     points = [np.concatenate([cage.from_unit(steps, i) for i in range(len(cage))]) for cage in cages]
-    found = []
+    result = []
     for i, a in enumerate(children):
         for j, b in enumerate(children[i + 1 :], i + 1):
             gap = min(cages[j].signed_distance(points[i]).min(), cages[i].signed_distance(points[j]).min())
             if gap < TOUCHING:
-                found.append(Adjacency(a.node_id, b.node_id, max(0.0, float(gap))))
-    return found
+                result.append(Adjacency(a.node_id, b.node_id, max(0.0, float(gap))))
+    return result

@@ -4,7 +4,7 @@ Every function fills [-size/2, size/2]³ of its size, in the local frame. A rail
 along local x. Front is local +z: where a leg kicks out, it kicks there.
 
 Details keep their lengths, whatever the member's: blocks, feet and finials are as high, beads as
-far apart, feet as thin. The shaft between them takes what is left. So no style is affine in its cuboid.
+far apart, feet as thin. The shaft between them takes the rest. So no style is affine in its cuboid.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +39,7 @@ Factors = Mapping[str, float]
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """How a section changes along its member."""
+    """Scale, shift and roundness of a member's section along its length."""
 
     scale: Float[ndarray, " m"]  # of the section, 1 where it touches the cuboid's sides
     shift: Float[ndarray, " m"]  # of its centre along z, in half depths
@@ -92,12 +92,12 @@ def _block(size: Vector, factors: Factors) -> float:
 
 
 def _beads(y: ndarray, count: int, span: float, depth: float) -> ndarray:
-    """1 on the crests of so many beads over a span, `depth` less between them."""
+    """1 on the crests of `count` beads over a span, `depth` less between them."""
     return 1 - depth * (1 - np.abs(np.sin(np.pi * count * np.clip(y / span, 0, 1))) ** 0.75)
 
 
 def _groove(size: Vector, factors: Factors) -> float:
-    """How deep the grooves between beads are, as a share of the radius: beads are as round as they are long."""
+    """Depth of the grooves between beads, as a share of the radius: beads are as round as they are long."""
     return float(np.clip(0.7 * factors["bead"] / min(size[0], size[2]), 0.25, 0.55))
 
 

@@ -4,7 +4,7 @@ Each labelled group of several cuboids becomes a block, its bbox the axis-aligne
 Cuboids stand in the order of their lowest points, so that each is attached to what is below it, and
 what is mirrored or repeated along an axis is declared once. Upright cuboids are aligned and held at
 one place. Turned ones are attached at both ends of an axis, which turns them by the least rotation
-that takes the axis there: what they are twisted about that axis is lost.
+that takes the axis there: their twist about that axis is lost.
 
 Which cuboid is attached to which, and by what, is decided on a typical drawing of the family, and
 only the numbers on the shape's own: so all shapes of a family have the same program up to continuous
@@ -98,7 +98,7 @@ def assemble(drawing: Drawing, typical: Drawing) -> Assembled:
 
 
 def plan_block(node: Node) -> tuple[Slot, ...]:
-    """How the block of a node with children is written: its cuboids from the ground up."""
+    """Plan of the block of a node with children: its cuboids from the ground up."""
     children = tuple(map(_inner, node.children))
     frame = _box(node)
     copies = _copies(node, frame)
@@ -111,13 +111,13 @@ def plan_block(node: Node) -> tuple[Slot, ...]:
     placed: list[Cuboid] = []
     for i in order:
         permutation, axis, aligned = _naming(children[i])
-        own = _as_executed(_box(children[i]).permuted(permutation), axis, aligned)
+        cuboid = _as_executed(_box(children[i]).permuted(permutation), axis, aligned)
         neighbours = _neighbours(node, slots, (i, *(copies[i].children if i in copies else ())))
-        holder = _Holder(own, frame, {place: placed[place] for place in neighbours}, _moves(node, i, copies, frame))
+        holder = _Holder(cuboid, frame, {place: placed[place] for place in neighbours}, _moves(node, i, copies, frame))
         fixing = holder.upright() if aligned else holder.turned(axis)
         inside = plan_block(children[i]) if children[i].children else ()
         slots.append(Slot(i, permutation, axis, aligned, fixing, copies.get(i), inside))
-        placed.append(own)
+        placed.append(cuboid)
     return tuple(slots)
 
 
@@ -131,7 +131,7 @@ class _Holder:
     moves: tuple[Move, ...]  # to each of its copies
 
     def upright(self) -> Fixing:
-        """By the cuboid that it overlaps most; else through the bbox from below to above, or by its nearer face."""
+        """A fixing to the cuboid that it overlaps most; else through the bbox's height, or to its nearer face."""
         held = {
             place: _overlap(self.own, cuboid)
             for place, cuboid in self.targets.items()
@@ -143,14 +143,14 @@ class _Holder:
         return Through() if max(under, over) < EXACT else Standing(0.0 if under <= over else 1.0)
 
     def turned(self, axis: int) -> Fixing:
-        """At that side of its axis where most ends meet cuboids before it; the middle first."""
+        """A fixing at the side of its axis where most ends meet cuboids before it; the middle first."""
         sides = [(0.5, 0.5), *((u, 0.5) for u in (0.0, 1.0)), *((0.5, v) for v in (0.0, 1.0))]
-        found = []
+        fixings = []
         for u, v in sides:
             ends = [np.insert(np.array([u, v]), axis, end) for end in (0.0, 1.0)]
             low, high = (self._target(point_in(self.own, end)) for end in ends)
-            found.append(Turned(rounded(ends[0]), rounded(ends[1]), (low, high)))
-        return max(found, key=lambda fixing: sum(target is not None for target in fixing.targets))
+            fixings.append(Turned(rounded(ends[0]), rounded(ends[1]), (low, high)))
+        return max(fixings, key=lambda fixing: sum(target is not None for target in fixing.targets))
 
     def _target(self, point: ndarray) -> int | None:
         return next((place for place, cuboid in self.targets.items() if self._reaches(point, cuboid)), None)
@@ -161,7 +161,7 @@ class _Holder:
 
 
 def _naming(node: Node) -> tuple[Float[ndarray, "3 3"], int, bool]:
-    """What names its axes, the axis that it is turned by (else its longest), and whether it is aligned."""
+    """Permutation that names a cuboid's axes, the axis it is turned by (else its longest), whether it is aligned."""
     cuboid = _box(node)
     turned = np.sqrt(np.clip(1 - np.abs(cuboid.axes).max(axis=1) ** 2, 0, 1)) > UPRIGHT
     if not turned.any():
@@ -174,33 +174,33 @@ def _naming(node: Node) -> tuple[Float[ndarray, "3 3"], int, bool]:
 
 
 def _copies(node: Node, frame: Cuboid) -> dict[int, Copies]:
-    """What a reflect or a translate can make, by the child that it is copied from."""
+    """Copies that a reflect or a translate can make, by the child that they are copied from."""
     place = {child.node_id: i for i, child in enumerate(node.children)}
-    found: dict[int, Copies] = {}
+    result: dict[int, Copies] = {}
     copied: set[int] = set()
     for relation in node.relations:
         if isinstance(relation, Adjacency):
             continue
         a, b = place[relation.a], place[relation.b]
-        if isinstance(relation, Reflection) and not {a, b} & (found.keys() | copied):
+        if isinstance(relation, Reflection) and not {a, b} & (result.keys() | copied):
             axis = int(np.abs(relation.normal).argmax())
             if abs(relation.point[axis] - frame.centre[axis]) < EXACT:
-                found[a] = Copies((b,), axis, True)
+                result[a] = Copies((b,), axis, True)
                 copied.add(b)
-        elif isinstance(relation, Translation) and b not in found.keys() | copied:
+        elif isinstance(relation, Translation) and b not in result.keys() | copied:
             offset = np.array(relation.offset)
             axis = int(np.abs(offset).argmax())
             if offset[axis] > 0 and np.abs(np.delete(offset, axis)).max() < EXACT:
-                first = next((i for i, item in found.items() if a in item.children), a)
-                found[first] = Copies((*(found[first].children if first in found else ()), b), axis, False)
+                first = next((i for i, item in result.items() if a in item.children), a)
+                result[first] = Copies((*(result[first].children if first in result else ()), b), axis, False)
                 copied.add(b)
-    return found
+    return result
 
 
 def _neighbours(node: Node, slots: Sequence[Slot], children: tuple[int, ...]) -> list[int]:
     """Slots that all the children touch; for more than one child, those that aren't copied themselves.
 
-    A copy is attached to what its original is, never to a copy of that.
+    A copy is attached to its original's targets, never to copies of them.
     """
     touching = {frozenset((r.a, r.b)) for r in node.relations if isinstance(r, Adjacency)}
     names = [child.node_id for child in node.children]
@@ -241,7 +241,7 @@ class _Writer:
     first: int  # number of the first block that fills one of its cuboids
 
     def names(self) -> list[str]:
-        """Of the declared cuboids."""
+        """Names of the declared cuboids."""
         names, number = [], self.first
         for i, slot in enumerate(self.slots):
             names.append(f"Program_{number}" if slot.inside else copy_name(i))
@@ -249,7 +249,7 @@ class _Writer:
         return names
 
     def filled(self) -> list[tuple[str, Node, tuple[Slot, ...]]]:
-        """Of each cuboid that a block fills: its name, its node and the block's slots."""
+        """Name, node and slots for each cuboid that a block fills."""
         return [
             (name, self._child(slot.child), slot.inside) for name, slot in zip(self.names(), self.slots) if slot.inside
         ]
@@ -266,13 +266,13 @@ class _Writer:
         targets: dict[int | None, Target] = {None: (BBOX, frame)}
         declared, held, copied = list[Statement](), list[Statement](), list[Statement]()
         for place, (name, slot) in enumerate(zip(self.names(), self.slots)):
-            own = self._own(slot)
-            declared.append(Declare(name, lengths(own.size), slot.aligned))
-            held += slot.fixing.statements(name, own, targets)
+            cuboid = self._own(slot)
+            declared.append(Declare(name, lengths(cuboid.size), slot.aligned))
+            held += slot.fixing.statements(name, cuboid, targets)
             if slot.copies:
                 last = _box(self._child(slot.copies.children[-1]))
                 copied.append(slot.copies.statement(name, _box(self._child(slot.child)), last, frame))
-            targets[place] = name, own
+            targets[place] = name, cuboid
         return [*declared, *held, *copied]
 
     def _child(self, place: int) -> Node:
@@ -288,7 +288,7 @@ class _Writer:
 
 
 def _shortened(cuboid: Cuboid, axis: int, others: Sequence[Cuboid]) -> Cuboid:
-    """The cuboid without what of its ends along an axis lies in others, CUT and SHARE at most."""
+    """The cuboid without those of its ends along an axis that lie in others, at most CUT and SHARE."""
     cuts = []
     for end in (0.0, 1.0):
         at = np.full(3, 0.5)
@@ -302,7 +302,7 @@ def _shortened(cuboid: Cuboid, axis: int, others: Sequence[Cuboid]) -> Cuboid:
 
 
 def _depth(cuboid: Cuboid, point: ndarray, direction: ndarray) -> float:
-    """How far from a point in a direction a cuboid's surface is; 0 from outside."""
+    """Distance from a point to a cuboid's surface in a direction; 0 from outside."""
     if beyond(cuboid, point) >= 0:
         return 0.0
     start, step = cuboid.axes @ (point - cuboid.centre), cuboid.axes @ direction
@@ -314,7 +314,7 @@ def _depth(cuboid: Cuboid, point: ndarray, direction: ndarray) -> float:
 
 
 def _inner(node: Node) -> Node:
-    """A group of one is that one."""
+    """The node itself, or its only child."""
     while len(node.children) == 1:
         node = node.children[0]
     return node
@@ -346,7 +346,7 @@ def _as_executed(cuboid: Cuboid, axis: int, aligned: bool) -> Cuboid:
 
 
 def _least_turn(axis: int, direction: Float[ndarray, " 3"]) -> Float[ndarray, "3 3"]:
-    """The axes that the smallest rotation gives which takes one of the frame's to a unit vector."""
+    """The frame's axes after the smallest rotation that takes one of them to a unit vector."""
     # Two half-turns: about the old axis, then about the line between old and new.
     old = np.eye(3)[axis]
     between = old + direction

@@ -16,7 +16,7 @@ from numpy import ndarray
 from cagesdf.meshes import Mesh, signed_volume
 from cagesdf.solid import as_manifold, from_manifold
 
-EDGE = 0.05  # longest edge of what booleans leave, so that a trilinear map bends it
+EDGE = 0.05  # longest edge after booleans, so that a trilinear map bends the mesh
 
 Vector = Float[ndarray, " 3"]
 
@@ -75,7 +75,7 @@ def united(meshes: list[Mesh]) -> Mesh:
 
 
 def pierced(mesh: Mesh, holes: list[Mesh]) -> Mesh:
-    """The mesh without what lies in the holes, its edges cut to EDGE."""
+    """The mesh minus the holes, its edges cut to EDGE."""
     solids = [as_manifold(item) for item in [mesh, *holes]]
     return _cut(manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Subtract))
 

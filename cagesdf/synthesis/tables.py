@@ -85,7 +85,7 @@ def _legs(p: Proportions) -> Draft:
 
 
 def _under(p: Proportions, height: float) -> float:
-    """The middle of what hangs below the top, `height` high."""
+    """Height of the middle of a part that hangs below the top, `height` high."""
     return p["height"] - 0.6 * p["thick"] - height / 2
 
 

@@ -3,6 +3,7 @@
 import io
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -102,7 +103,7 @@ def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: 
     for part in (*behind, behind[0]):
         page.drawn(10)
         page.page.mouse.click(*at)
-        page.until(lambda part=part: page.status == f"selected: {names[part]}", f"{names[part]} selected")
+        page.until(partial(_says, page, f"selected: {names[part]}"), f"{names[part]} selected")
     page.click_nothing()
     page.until(lambda: page.status == "selected: nothing", "nothing selected")
     page.select(names[behind[1]])
@@ -110,6 +111,10 @@ def test_clicks_reach_what_is_behind_and_shift_takes_more(visit: Visit, editor: 
     page.page.mouse.click(*at)
     page.page.keyboard.up("Shift")
     page.until(lambda: page.status == f"selected: {names[behind[1]]}, {names[behind[0]]}", "both selected")
+
+
+def _says(page: EditorPage, status: str) -> bool:
+    return page.status == status
 
 
 def _clear_of_gizmos(cage: Cage, camera: Camera) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -251,7 +256,7 @@ def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_t
     mix(DEMO / "run", page.value("Shape"), [f"leg={other}"], tmp_path / "command.obj")
     assert (tmp_path / "command.obj").read_bytes() == mixed.read_bytes()
     page.choose("Format", "ply")
-    assert trimesh.load(page.download("Export", tmp_path)).is_watertight
+    assert trimesh.load_mesh(page.download("Export", tmp_path)).is_watertight
     page.tab("Style")
     page.slide("Towards it", 0.5)
     half = page.settled(after)
@@ -277,7 +282,7 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     page.choose("Format", "ply")
     mesh = page.download("Export", tmp_path)
     script = page.download("Save script", tmp_path)
-    assert trimesh.load(mesh).is_watertight
+    assert trimesh.load_mesh(mesh).is_watertight
     edit(DEMO / "run", page.value("Shape"), script, tmp_path / "command.ply")
     assert (tmp_path / "command.ply").read_bytes() == mesh.read_bytes()
     other = visit()
