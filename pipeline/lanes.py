@@ -57,10 +57,9 @@ def main() -> int:
         check(PARAMS)
     with Repo() as repo:
         stages = list(repo.index.stages)
-        reads = {stage.addressing: {on.addressing for on in repo.index.graph.successors(stage)} for stage in stages}
         named = sorted({f"stages.{name}" for stage in stages for name in words_of(stage.cmd)[:1]})
         context = starter([*named, LATER] if FORKS and workers() > 1 else [])
-        todo = stale(reads, set(repo.status()))
+        todo = stale(*graph(repo))
     with lock_file() as entries:
         call = partial(run, context=context, entries=entries)
         done = progress(side_by_side(todo, lanes(), call), len(todo), "stages")
@@ -68,6 +67,13 @@ def main() -> int:
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0
+
+
+def graph(repo: Repo) -> tuple[Graph, set[str]]:
+    """The stages that each stage reads from, by address, and those that are no longer what dvc.lock says."""
+    successors = repo.index.graph.successors
+    reads = {stage.addressing: {on.addressing for on in successors(stage)} for stage in repo.index.stages}
+    return reads, set(repo.status())
 
 
 def words_of(command: str) -> list[str]:

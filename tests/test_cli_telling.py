@@ -30,7 +30,12 @@ def test_only_work_that_takes_long_is_spoken_of_and_its_time_is_noted(
         pass
     monkeypatch.setattr(telling, "PATIENCE", 0.0)
     said = threading.Event()
-    monkeypatch.setattr(telling, "_say", lambda text: (print(text, file=sys.stderr), said.set()))
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr)
+        said.set()
+
+    monkeypatch.setattr(telling, "_say", say)
     with working("asking"):
         assert said.wait(60)
     assert capsys.readouterr().err == "asking …\n"

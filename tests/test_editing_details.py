@@ -13,6 +13,7 @@ from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.editing.script import (
     Build,
     Delete,
+    Details,
     Duplicate,
     Harmonise,
     Mix,
@@ -45,28 +46,31 @@ def session() -> Session:
     return Session(replace(run, sequences={**run.sequences, "b": replace(small, cages=(narrow,))}))
 
 
+DETAILS: tuple[Details, ...] = ("keep", "stretch")
+
+
 def do(session: Session, *script: Operation) -> State:
     return session.edited(session.opened("a"), script).present
 
 
-def changes(**fields: str) -> list[Operation]:
+def changes(details: Details) -> list[Resize | Scale | Set | Move | Rotate]:
     """One of each kind that may change lengths."""
     return [
-        Resize(part="leg_1", axis="z", factor=1.3, **fields),
-        Resize(part="*", axis="x", factor=0.8, frame="shape", **fields),
-        Scale(factors=(1.1, 1.0, 0.9), **fields),
-        Set(parameter="Chair.seat.y", value=0.08, **fields),
-        Move(part="seat", by=(0.0, 0.0, 0.05), attach=True, **fields),
-        Rotate(part="back", axis="x", angle=5, attach=True, **fields),
+        Resize(part="leg_1", axis="z", factor=1.3, details=details),
+        Resize(part="*", axis="x", factor=0.8, frame="shape", details=details),
+        Scale(factors=(1.1, 1.0, 0.9), details=details),
+        Set(parameter="Chair.seat.y", value=0.08, details=details),
+        Move(part="seat", by=(0.0, 0.0, 0.05), attach=True, details=details),
+        Rotate(part="back", axis="x", angle=5, attach=True, details=details),
     ]
 
 
-@pytest.mark.parametrize("number", range(len(changes())))
+@pytest.mark.parametrize("number", range(len(changes("keep"))))
 def test_the_network_is_evaluated_in_the_lengths_of_before_and_in_those_of_now_if_details_stretch(
     session: Session, number: int
 ) -> None:
     before = session.opened("a")
-    kept, stretched = (do(session, changes(details=word)[number]) for word in ("keep", "stretch"))
+    kept, stretched = (do(session, changes(word)[number]) for word in DETAILS)
     np.testing.assert_array_equal(kept.evaluated().size, before.cage.size)
     assert (kept.cage.size != before.cage.size).any()
     assert stretched.evaluated() is stretched.cage
@@ -86,7 +90,7 @@ def test_the_way_to_a_length_does_not_matter_and_there_and_back_is_nothing(sessi
 @pytest.mark.parametrize("order", [("keep", "stretch"), ("stretch", "keep")])
 @pytest.mark.parametrize(("kept", "stretched"), [(0.5, 2.0), (2.0, 0.25)])
 def test_a_stretch_takes_kept_details_along_before_or_after(
-    session: Session, order: tuple[str, ...], kept: float, stretched: float
+    session: Session, order: tuple[Details, ...], kept: float, stretched: float
 ) -> None:
     factors = {"keep": kept, "stretch": stretched}
     script = (Resize(part="seat", axis="x", factor=factors[word], details=word) for word in order)
@@ -150,9 +154,10 @@ def test_details_of_a_file_in_another_unit_are_refused(session: Session) -> None
 
 
 def test_scripts_say_it_and_those_of_before_stretch(session: Session) -> None:
-    script = tuple(changes(details="keep"))
+    script = tuple(changes("keep"))
     assert parse(dump(script)) == script
     (old,) = parse('[{"op": "resize", "part": "seat", "axis": "x", "factor": 2}]')
+    assert isinstance(old, Resize)
     assert old.details == "stretch"
     with pytest.raises(InputError, match="resize: details is 'shrink'; wanted stretch or keep"):
         parse('[{"op": "resize", "part": "seat", "axis": "x", "factor": 2, "details": "shrink"}]')

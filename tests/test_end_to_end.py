@@ -11,6 +11,7 @@ import manifold3d
 import numpy as np
 import pytest
 import yaml
+from dvc.repo import Repo
 
 from cagesdf.solid import from_manifold
 from pipeline import lanes, workspace
@@ -56,8 +57,8 @@ def test_the_pipeline_runs_then_is_up_to_date_then_only_what_depends_on_a_change
         "evaluate@chair", "evaluate_edits@chair", "evaluate_progress@chair", "evaluate_generation@chair", "report",
     }  # fmt: skip
     change(folder, {"arms": {"deepsdf": {"learning_rate": 2e-3}}})
-    with chdir(folder):
-        assert set(lanes.stale(*lanes.graph())) == of_all_arms | {
+    with chdir(folder), Repo() as repo:
+        assert set(lanes.stale(*lanes.graph(repo))) == of_all_arms | {
             "train@chair-deepsdf", "extract_meshes@chair-deepsdf", "generate@chair-deepsdf",
         }  # fmt: skip
 

@@ -329,7 +329,7 @@ def style(session: Session, **residuals: tuple[float, ...]) -> Style:
 def test_residuals_are_added_to_the_codes_of_the_parts_that_they_name_alone(session: Session) -> None:
     plain, given = codes_after(session), codes_after(session, *parse(dump([style(session, seat=RESIDUAL)])))
     for part in plain:
-        np.testing.assert_array_equal(given[part], plain[part] + np.float32(RESIDUAL) * (part == "seat"))
+        np.testing.assert_array_equal(given[part], plain[part] + np.array(RESIDUAL, np.float32) * (part == "seat"))
 
 
 def test_a_copy_has_its_original_s_residual_also_once_it_is_harmonised(session: Session) -> None:
@@ -345,7 +345,7 @@ def test_residuals_fade_on_the_way_to_another_style(session: Session) -> None:
     for weight in (0.0, 0.5, 1.0):
         blend = Blend(style_of="b", weight=weight)
         left = codes_after(session, begun, blend)["seat"] - codes_after(session, blend)["seat"]
-        np.testing.assert_allclose(left, (1 - weight) * np.float32(RESIDUAL), atol=1e-6)
+        np.testing.assert_allclose(left, (1 - weight) * np.array(RESIDUAL, np.float32), atol=1e-6)
     np.testing.assert_array_equal(
         codes_after(session, begun, Swap(style_of="b"))["seat"], codes_after(session, Swap(style_of="b"))["seat"]
     )

@@ -120,7 +120,7 @@ def test_a_draft_leads_to_the_same_state_in_another_page_and_undo_ends_where_it_
     document = after.restore(draft, session.styles)
     assert document.name == "new"
     np.testing.assert_array_equal(document.state.cage.vectors(), before.take("new").state.cage.vectors())
-    np.testing.assert_array_equal(document.state.latent, np.float32(style.code))
+    np.testing.assert_array_equal(document.state.latent, np.array(style.code, np.float32))
     back = after.undone("new", session.styles)
     np.testing.assert_array_equal(back.state.cage.vectors(), made.state.cage.vectors())
     after.put(back)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from playwright.sync_api import Dialog
 
 from browser.page import CENTRE, LENGTHS, ROTATION, Camera, EditorPage
 from cagesdf.cli.surfaces import edit, mix
@@ -308,7 +309,12 @@ def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is
     page.press("new")
     page.until(lambda: page.surface == first, "the new shape")
     asked: list[str] = []
-    page.page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+
+    def accept(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    page.page.on("dialog", accept)
     page.page.reload(wait_until="commit")
     page.page.get_by_role("button", name="Continue new: as it was made").click()
     page.until(lambda: page.value("Shape") == "new" and page.surface == first, "the new shape again")
