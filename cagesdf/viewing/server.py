@@ -131,6 +131,8 @@ class Editor:
             tabs, self._tabs = list(self._tabs.values()), {}
         for _, tab in tabs:
             tab.close()
+        for run in self._runs.values():
+            run.thumbnails.close()
         self.server.stop()
         self._pool.shutdown()
 

@@ -70,6 +70,14 @@ class Thumbnails:
         """Serve an owner no longer."""
         self.want(owner, {}, lambda key, picture: None)
 
+    def close(self) -> None:
+        """Draw nothing more; what is being drawn is waited for, since an interpreter that ends meanwhile may crash."""
+        with self._changed:
+            self._waiting.clear()
+            thread = self._thread
+        if thread is not None:
+            thread.join()
+
     def _run(self) -> None:
         if hasattr(os, "setpriority") and os.uname().sysname == "Linux":  # there, of this thread alone
             with contextlib.suppress(OSError):
