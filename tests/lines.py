@@ -34,11 +34,11 @@ def prepare(folder: Path) -> Path:
     return folder
 
 
-def start(folder: Path, prepare: Callable[[], None] | None = None) -> subprocess.Popen[str]:
-    """`sample_points` in a process of its own, which calls `prepare` first, with two workers."""
+def start(folder: Path, preexec_fn: Callable[[], None] | None = None) -> subprocess.Popen[str]:
+    """`sample_points` in a process of its own, with two workers."""
     return subprocess.Popen(
         [sys.executable, "-m", "stages.sample_points", *ARGUMENTS], cwd=folder, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "CAGESDF_WORKERS": "2"}, preexec_fn=prepare,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "CAGESDF_WORKERS": "2"}, preexec_fn=preexec_fn,
     )  # fmt: skip
 
 

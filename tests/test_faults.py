@@ -80,7 +80,7 @@ def test_a_full_disk_is_said_in_one_line_and_leaves_nothing(folder: Path, wanted
 
     largest = max(len(content) for name, content in wanted.items() if name.endswith(".parquet"))
     limit = largest // 2
-    with lines.start(folder, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))) as stage:
+    with lines.start(folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))) as stage:
         said = stage.communicate()[1].splitlines()
     assert stage.returncode == 1
     assert said[-1].startswith("sample_points: ")
