@@ -112,6 +112,6 @@ def test_pictures_are_drawn_once_in_order_and_forgotten_owners_get_none(
     pictures.want("first", {"0": states["0"]}, wall.put)  # four are kept, and it was the oldest
     wall.until(8)
     assert made == [0, 1, 4, 5, 2, 0]
-    pictures.want("first", {"7": lambda: 7}, wall.put)
+    pictures.want("first", {"7": states["2"]}, wall.put)
     pictures.close()
     assert not any(thread.name == "thumbnails" for thread in threading.enumerate())
