@@ -25,7 +25,7 @@ from cagesdf.viewing.worker import COARSE
 SIZE = 150  # pixels along a side
 BATCH = 6  # drawn by one process, which takes most of a second to start
 KEPT = 600  # thumbnails, of some kilobytes each
-NICENESS = 10  # of the thread: hands are served first
+NICENESS = 5  # of the thread: hands are served first
 
 Picture = UInt8[ndarray, "size size 3"]
 
