@@ -163,7 +163,7 @@ def mixes(source: ShapeFolder, trials: TrialFolder, edits: Path) -> Grid:
     ranked = sorted(first, key=lambda row: row["gain"])
     scenes, names = [], []
     for row in spread(ranked, 3):
-        labels = {part.part_id: part.label or part.part_id for part in source.alignment(row["shape_id"])}
+        labels = {part.part_id: part.label or part.part_id for part in source.read(row["shape_id"]).parts}
         keep = row["trial_id"].replace("mix/", "mix_keep/", 1)
         shown = [
             *(join([part.mesh for part in source.read(row[name]).parts]) for name in ("shape_id", "style_of")),
