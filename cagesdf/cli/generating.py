@@ -92,19 +92,19 @@ def generate(
     make = _maker(trained.session.run, resolution, STABILITIES[stability], seed)
     threads = workers()
     with new_folder(out) as folder, ThreadPoolExecutor(threads) as pool:
-        found = counts(
+        outcomes = counts(
             _written(folder, in_order(pool, make, new.orders, AHEAD * threads), ending, Count("shapes", count))
         )
-    told = {
+    summary = {
         "out": str(out),
         "method": new.method,
         **new.source.about(),
         "asked": count,
-        **found,
+        **outcomes,
         "seconds": round(time.perf_counter() - seconds, 2),
     }
-    kept = ", ".join(f"{number:,} {name}" for name, number in found.items() if isinstance(number, int))
-    tell(told, f"{out}: of {count:,} shapes {kept}; {told['seconds']:.1f} s", as_json)
+    kept = ", ".join(f"{number:,} {name}" for name, number in outcomes.items() if isinstance(number, int))
+    tell(summary, f"{out}: of {count:,} shapes {kept}; {summary['seconds']:.1f} s", as_json)
 
 
 def _maker(

@@ -84,7 +84,7 @@ def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
         placement = canonical_similarity(mesh.vertices, IMPORT["up"])
         canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
         with working("finding parts"):
-            found = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
+            result = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
     except NotSolidError as error:
@@ -93,17 +93,17 @@ def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
     def as_given(mesh: Mesh) -> Mesh:
         return mesh.with_vertices(placement.to_raw(mesh.vertices))
 
-    cage = Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in found.parts})
+    cage = Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in result.parts})
     boxes = {
         name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
     }
-    solids = {part.name: as_given(part.mesh) for part in found.parts}
-    model = Model.of(as_given(union([part.mesh for part in found.parts])), solids, boxes)
+    solids = {part.name: as_given(part.mesh) for part in result.parts}
+    model = Model.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
     with new_folder(out) as folder:
         write_model(folder / f"{raw.shape_id}.glb", model)
-        text = written_json(as_written(found, placement))
+        text = written_json(as_written(result, placement))
         (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
-    counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
+    counts = {"components": len(result.components), "parts": len(result.parts), "boxes": round(result.boxes, 4)}
     tell({"out": str(out), **counts}, f"{out}: {counts['parts']} parts of {counts['components']} components", as_json)
 
 
@@ -139,8 +139,8 @@ def sdf(source: Path, points: Path, out: Path, /, *, as_json: Json = False) -> N
     with replacing(out) as partial, partial.open("wb") as stream:
         np.save(stream, distances)
     inside = int((distances < 0).sum())
-    told = {**repair_report(shape), "points": len(distances), "points_inside": inside}
-    tell(told, f"{out}: {len(distances):,} distances, {inside:,} of points inside", as_json)
+    figures = {**repair_report(shape), "points": len(distances), "points_inside": inside}
+    tell(figures, f"{out}: {len(distances):,} distances, {inside:,} of points inside", as_json)
 
 
 @contextmanager

@@ -30,7 +30,7 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """What was made of a shape."""
+    """A shape's edits, as they are kept for one browser."""
 
     run: str  # by name
     shape_id: str  # the shape of the run that it starts from
