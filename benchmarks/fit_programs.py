@@ -16,10 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))  # the reference is there
-
-from adam import fit_by_adam
-
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
 from cagesdf.fitting.programs import bound_program, fit_program, fitting_loss, match_axes
@@ -27,6 +23,7 @@ from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram
 from cagesdf.training.precision import processor
+from tests.support.adam import fit_by_adam
 
 TOLERANCE = 1e-4  # of the points that count as outside, the program's unit
 ROUND = 8  # exponent of the superellipsoids that the parts are

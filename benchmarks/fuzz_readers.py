@@ -1,4 +1,4 @@
-"""Mutated files through the readers, thousands of each format of tests/mutants.py.
+"""Mutated files through the readers, thousands of each format of tests/support/mutants.py.
 
     python -m benchmarks.fuzz_readers [FORMAT …] [--count 10000] [--seed 0]
 
@@ -17,12 +17,10 @@ import traceback
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-
-import mutants
 import numpy as np
 
 from cagesdf.errors import InputError, ShapeRejected
+from tests.support import mutants
 
 SECONDS = 10.0  # a reader may take for one file
 HANG = 60  # seconds after which a reader is ended, with its traceback

@@ -51,7 +51,7 @@ def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> list[fl
     """COLUMNS of one surface."""
     sequence = run.sequences[shape_id]
     cage = sequence.cages[step]
-    truth = Truth.own(shapes.read(shape_id), sequence, step, DETAIL, Trilinear())
+    truth = Truth.of_own_cuboids(shapes.read(shape_id), sequence, step, DETAIL, Trilinear())
     field = field_of(run.decoder, run.latent(shape_id, step), cage)
     sparse, dense = (extract(field, CELLS, METHODS[name]) for name in ("sparse", "dense"))
     rng = item_rng(0, "occupancy", shape_id, step)

@@ -61,7 +61,7 @@ def measured(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> dict[st
     sequence, shape = run.sequences[shape_id], shapes.read(shape_id)
     cage = sequence.cages[step]
     if run.decoder.trains_on == "part":
-        truth = Truth.own(shape, sequence, step, DETAIL, Trilinear())
+        truth = Truth.of_own_cuboids(shape, sequence, step, DETAIL, Trilinear())
     else:
         truth = Truth.of(shape, sequence, step, DETAIL, Trilinear())
     mesh = extract_surface(field_of(run.decoder, run.latent(shape_id, step), cage), CELLS)

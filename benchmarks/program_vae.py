@@ -32,9 +32,7 @@ from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram
 from cagesdf.training.precision import processor
-
-sys.path.append(str(Path(__file__).parent.parent / "tests"))
-import one_program
+from tests.support import one_program
 
 OFFICIAL = 25  # programs a second on one core, forward, backward and Adam
 BATCH = 64

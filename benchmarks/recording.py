@@ -8,7 +8,6 @@ down again. Each frame is a screenshot 1.2 s after a movement, when the surface 
 
 import argparse
 import io
-import sys
 import tempfile
 from pathlib import Path
 
@@ -26,10 +25,8 @@ from cagesdf.training.precision import processor
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.scene import handle_place
 from cagesdf.viewing.server import serving
-
-sys.path.append(str(Path(__file__).parent.parent / "tests"))
-from browser.conftest import FLAGS, chromium
-from browser.page import Camera, EditorPage
+from tests.support.chromium import FLAGS, chromium
+from tests.support.page import Camera, EditorPage
 
 STEPS = 10  # frames of the way up, and of that down
 PIXELS = 9  # of one step

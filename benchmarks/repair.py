@@ -2,19 +2,14 @@
 
     python -m benchmarks.repair [--points 20000]
 
-prints a row for each case of tests/broken.py; definitions in docs/repair.md.
+prints a row for each case of tests/support/broken.py; definitions in docs/repair.md.
 """
 
 import argparse
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-
-import broken
 
 from cagesdf.errors import ShapeRejected
 from cagesdf.importing import verdict
+from tests.support import broken
 
 
 def row(case: broken.Case, count: int) -> list[str]:

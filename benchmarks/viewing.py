@@ -8,7 +8,6 @@ here, on the same cores: with one it is faster.
 """
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 
@@ -26,10 +25,8 @@ from cagesdf.viewing.opening import opened
 from cagesdf.viewing.scene import GIZMO_PIXELS
 from cagesdf.viewing.server import serving
 from cagesdf.viewing.worker import COARSE, FINE
-
-sys.path.append(str(Path(__file__).parent.parent / "tests"))
-from browser.conftest import FLAGS, chromium
-from browser.page import Camera, EditorPage
+from tests.support.chromium import FLAGS, chromium
+from tests.support.page import Camera, EditorPage
 
 # Of the page: from the next movement of the mouse until the status names a surface of this many cells; with its text.
 CLOCK = """(box, cells) => { window.took = new Promise(done => addEventListener("pointermove", event => {

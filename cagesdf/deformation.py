@@ -127,15 +127,15 @@ def scaled_cage(cage: Cage, factors: Float[ndarray, " 3"]) -> Cage:
     return Cage(cage.part_ids, cage.centre * factors, u @ v, np.linalg.norm(edges, axis=2))
 
 
-def deform_vertices(vertices: Float[ndarray, "v 3"], own: int, rest: Cage, moved: Cage) -> Float[ndarray, "v 3"]:
-    """Move the vertices of part number `own` from its rest cage to a moved one; canonical.
+def deform_vertices(vertices: Float[ndarray, "v 3"], owner: int, rest: Cage, moved: Cage) -> Float[ndarray, "v 3"]:
+    """Move the vertices of part number `owner` from its rest cage to a moved one; canonical.
 
     Each cuboid takes its points along by trilinear interpolation of its corners. Where these are
     a cuboid again that is the affine map between the two unit frames. A vertex goes to the average
     over all cuboids that contain it, its own always among them.
     """
     contains = rest.signed_distance(vertices) <= CONTAINED
-    contains[:, own] = True
+    contains[:, owner] = True
     total = np.zeros_like(vertices)
     for i in np.flatnonzero(contains.any(axis=0)).tolist():
         inside = contains[:, i]

@@ -92,7 +92,7 @@ def _work(seconds: int, name: str, lengths: list[float]) -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    # What libraries print must not get between the bytes of the answer.
+    # Output that libraries print must not get between the bytes of the answer.
     answer = os.dup(1)
     os.dup2(2, 1)
     try:

@@ -26,7 +26,7 @@ PART_COLOURS = (
     "#4c78a8", "#e8863b", "#5aa469", "#c95d63", "#8e6bb0", "#d9b23c", "#4fa8a8", "#c77ba8", "#8a7a66", "#7d8b99",
 )  # fmt: skip
 
-# What draws without a display on Linux, in the order tried; elsewhere VTK's own choice does.
+# VTK's windows that draw without a display on Linux, in the order tried; elsewhere VTK's own choice does.
 WINDOWS: tuple[str, ...] = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow") if sys.platform == "linux" else ("",)
 
 # The camera's axes in the canonical frame, by rows: right, up, towards the viewer. Parallel

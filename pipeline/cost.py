@@ -1,4 +1,4 @@
-"""What stages cost, for `cagesdf plan`. Each declares it in its own file, as COST."""
+"""Costs of stages, for `cagesdf plan`. Each declares its cost in its own file, as COST."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ class Counts:
 
     @staticmethod
     def of(sections: Sections) -> "Counts":
-        """What the parameters of a run ask for."""
+        """The counts that a run's parameters ask for."""
         drawn, deform, sample, extract, trials = (
             sections[name]
             for name in ("synthesize", "deform_sequences", "sample_points", "extract_meshes", "make_trials")

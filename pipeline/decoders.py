@@ -27,7 +27,7 @@ def decoder_sizes() -> dict[str, tuple[str, ...]]:
 
 
 def _arguments(name: str, classes: dict[str, Class]) -> tuple[str, ...]:
-    """Those of a class's own `__init__`, or of its first base's."""
+    """Arguments of a class's own `__init__`, or of its first base's."""
     for node in classes[name].body:
         if isinstance(node, ast.FunctionDef) and node.name == "__init__":
             return tuple(argument.arg for argument in node.args.args[1:])

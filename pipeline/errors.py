@@ -1,4 +1,4 @@
-"""What the machinery says to the person at the keyboard: in one line, without a traceback."""
+"""Errors that are shown to the user in one line, without a traceback."""
 
 
 class PipelineError(Exception):

@@ -59,7 +59,15 @@ def main() -> int:
         stages = list(repo.index.stages)
         named = sorted({f"stages.{name}" for stage in stages for name in words_of(stage.cmd)[:1]})
         context = starter([*named, LATER] if FORKS and workers() > 1 else [])
-        todo = stale(*graph(repo))
+        always = {stage.addressing for stage in stages if stage.always_changed}
+        try:
+            for address in sorted(always):  # they take a second, and decide on the others
+                repo.reproduce(address, single_item=True)
+        except DvcException as error:
+            print(f"failed: {error}: {error.__cause__}", file=sys.stderr)
+            return 1
+        reads, changed = graph(repo)
+        todo = stale(reads, changed - always)
     with lock_file() as entries:
         call = partial(run, context=context, entries=entries)
         done = progress(side_by_side(todo, lanes(), call), len(todo), "stages")
@@ -85,7 +93,7 @@ def words_of(command: str) -> list[str]:
 
 
 def starter(modules: Sequence[str]) -> Any:
-    """What starts processes: where it can, one that has imported DVC and the `modules`, for one thread, and forks.
+    """A context that starts processes: if possible, forks of one that has imported DVC and the `modules`, with one thread.
 
     That takes as long as ten stages are computed; it begins at once, beside what the caller does next.
     """
@@ -102,12 +110,12 @@ def starter(modules: Sequence[str]) -> Any:
 
 
 def stale(stages: Graph, changed: set[str]) -> Graph:
-    """What may have to run: the changed ones and all that follow from them."""
-    found = set(changed)
+    """The stages that may have to run: the changed ones and all that follow from them."""
+    reached = set(changed)
     for address in TopologicalSorter(stages).static_order():
-        if stages[address] & found:
-            found.add(address)
-    return {address: before & found for address, before in stages.items() if address in found}
+        if stages[address] & reached:
+            reached.add(address)
+    return {address: before & reached for address, before in stages.items() if address in reached}
 
 
 def lanes() -> int:

@@ -64,8 +64,8 @@ def _file(name: str) -> Path | None:
     if name.split(".")[0] not in PACKAGES:
         return None
     path = ROOT.joinpath(*name.split("."))
-    found = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    return found if found.is_file() else None
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    return file if file.is_file() else None
 
 
 if __name__ == "__main__":

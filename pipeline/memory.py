@@ -14,10 +14,10 @@ def memory() -> int:
     value = os.environ.get("CAGESDF_MEMORY", "")
     if not value:
         return int(SHARE * installed())
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)([KMGT]?)B?", value.strip().upper())
-    if not found:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([KMGT]?)B?", value.strip().upper())
+    if not match:
         raise SettingError(f"CAGESDF_MEMORY: wanted a size such as 500M or 8G, got {value!r}")
-    return int(float(found[1]) * UNITS[found[2]])
+    return int(float(match[1]) * UNITS[match[2]])
 
 
 def installed() -> int:

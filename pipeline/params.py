@@ -32,7 +32,7 @@ class ParamsError(PipelineError):
 
 
 class Params(BaseModel):
-    """What the parameters of every stage share."""
+    """Parameters that every stage has."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 
@@ -261,7 +261,7 @@ class GenerationParams(Params):
 
 
 class ReportParams(Params):
-    """What the page shows."""
+    """Contents of the page."""
 
     shapes: Count  # a category, in the comparison picture
     generated: Count  # of each method
@@ -297,14 +297,13 @@ LISTS = ("categories", "arms", "generators")  # of run, that stages' parameters 
 
 
 class RunParams(BaseModel):
-    """What the DVC graph is multiplied by, and where its code lies."""
+    """Lists that the DVC graph is multiplied by."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     categories: Names
     arms: Names
     generators: Names  # those of the arms that new shapes are made with
-    code: str  # path of the project's root from the folder of params.yaml
 
 
 def read_yaml(content: bytes, source: str) -> dict[str, Any]:
@@ -369,7 +368,7 @@ def check(path: Path) -> dict[str, Params]:
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
     run = validate("run", RunParams, content["run"])
-    named = run.model_dump(exclude={"code"}) if run else dict.fromkeys(LISTS, ("unknown",))
+    named = run.model_dump() if run else dict.fromkeys(LISTS, ("unknown",))
     for name, model in SECTIONS.items():
         values = content[name]
         if isinstance(values, dict):
@@ -389,9 +388,11 @@ def check(path: Path) -> dict[str, Params]:
         before = len(problems)
         sections[f"arms.{name}"] = validate(f"arms.{name}", TrainParams, merged)
         problems += wrong_sizes(f"arms.{name}", sections[f"arms.{name}"])
-        # What is wrong in train is said once.
-        told = {problem.split(":")[0].split(".", 1)[1] for problem in problems[:before] if problem.startswith("train.")}
-        problems[before:] = [p for p in problems[before:] if p.split(":")[0].split(".", 2)[2] not in told]
+        # Problems of train are reported once.
+        reported = {
+            problem.split(":")[0].split(".", 1)[1] for problem in problems[:before] if problem.startswith("train.")
+        }
+        problems[before:] = [p for p in problems[before:] if p.split(":")[0].split(".", 2)[2] not in reported]
     if run is not None:
         problems += [f"run.arms: no arm {name!r} under arms" for name in run.arms if name not in arms]
         problems += [f"run.generators: no arm {name!r} in run.arms" for name in run.generators if name not in run.arms]
@@ -403,26 +404,26 @@ def check(path: Path) -> dict[str, Params]:
 
 
 def wrong_sizes(place: str, params: Any) -> Iterator[str]:
-    """What is wrong with an arm's decoder, and with the numbers that no other decoder has."""
+    """Problems of an arm's decoder, and of the numbers that this decoder alone has."""
     if not isinstance(params, TrainParams):
         return
-    decoders, own = decoder_sizes(), params.model_extra or {}
+    decoders, extra = decoder_sizes(), params.model_extra or {}
     if params.decoder not in decoders:
         yield f"{place}.decoder: no decoder {params.decoder!r}; there are {', '.join(decoders)}"
         return
     sizes = decoders[params.decoder]
-    for name, value in own.items():
+    for name, value in extra.items():
         if name not in sizes:
             yield f"{place}.{name}: extra inputs are not permitted, got {value!r}"
         elif type(value) is not int or value < 1:
             yield f"{place}.{name}: wanted a whole number of at least 1, got {value!r}"
     for name in sizes:
-        if name not in own and name not in TrainParams.model_fields:
+        if name not in extra and name not in TrainParams.model_fields:
             yield f"{place}.{name}: field required; {params.decoder} is made with it"
 
 
 def contradictions(sections: dict[str, Any]) -> Iterator[str]:
-    """What is wrong with sections that are each right: what their stages would say hours later, or never."""
+    """Contradictions between sections that are each right, which stages would report hours later or never."""
     deform, features, clouds = (sections[name] for name in ("deform_sequences", "train_features", "make_clouds"))
     if not {*deform.held_out} <= {*range(1, deform.steps)}:
         yield f"deform_sequences.held_out: got {deform.held_out}, wanted steps among 1 to {deform.steps - 1}"

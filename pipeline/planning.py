@@ -1,4 +1,4 @@
-"""What a run will cost: the stages themselves, run on a few shapes, and their times scaled up."""
+"""Cost of a run: the stages themselves, run on a few shapes, and their times scaled up."""
 
 import os
 import resource
@@ -111,7 +111,7 @@ def of_arms(stage: dict[str, Any]) -> bool:
 
 
 def cost_of(stage: str) -> Cost:
-    """What a stage's file declares. Raises PipelineError if it declares nothing."""
+    """The cost that a stage's file declares. Raises PipelineError if it declares nothing."""
     cost = getattr(_module(stage), "COST", None)
     if not isinstance(cost, Cost):
         raise PipelineError(f"stages/{stage}.py: declares no COST; wanted one of pipeline/cost.py")

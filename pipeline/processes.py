@@ -180,7 +180,7 @@ class _Function:
 
 
 def code_digest() -> str:
-    """Of the Python files that workers run, as they are now."""
+    """Digest of the Python files that workers run, as they are now."""
     total = hashlib.sha256()
     for package in ("cagesdf", "pipeline", "stages"):
         for path in sorted((ROOT / package).rglob("*.py")):

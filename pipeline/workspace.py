@@ -50,9 +50,7 @@ def make_workspace(folder: Path, settings: Content, graph: Content) -> None:
         _write(kept, settings, "Differences from the project's params.yaml; yours to edit.")
     settings = merged(settings, read_yaml(kept.read_bytes(), str(kept)))
     defaults = read_yaml((ROOT / "params.yaml").read_bytes(), "params.yaml")
-    code = Path(os.path.relpath(ROOT, folder)).as_posix()
-    params = merged(merged(defaults, settings), {"run": {"code": code}})
-    _write(folder / "params.yaml", params, "Made from the project's params.yaml and settings.yaml; edit that one.")
+    _write(folder / "params.yaml", merged(defaults, settings), "Made from the project's params.yaml and settings.yaml; edit that one.")
     _write(folder / "dvc.yaml", graph, "Made from the project's dvc.yaml.")
     check(folder / "params.yaml")
     if not (folder / ".dvc").is_dir():
@@ -118,9 +116,9 @@ def own_graph(graph: Content, linked: int) -> Content:
     behind = [f"data/linked/{number:04d}" for number in range(linked)]
     stages = {name: dict(stage) for name, stage in graph["stages"].items() if name != "synthesize"}
     for stage in stages.values():
-        if RAW in stage["deps"]:
+        if RAW in stage.get("deps", ()):
             stage["deps"] = [*stage["deps"], *behind]
-    return {"stages": stages}
+    return {**graph, "stages": stages}
 
 
 def link_data(folder: Path, name: str, data: Path) -> int:
@@ -146,15 +144,15 @@ def link_data(folder: Path, name: str, data: Path) -> int:
 def linked_folders(data: Path) -> list[Path]:
     """The folders outside `data` that links in it lead to, and links in those; real paths, sorted."""
     inside = data.resolve()
-    found: set[Path] = set()
+    targets_outside: set[Path] = set()
     todo = [inside]
     while todo:
         for place, folders, _ in os.walk(todo.pop()):
             targets = {path.resolve() for path in (Path(place, name) for name in folders) if path.is_symlink()}
-            new = {target for target in targets - found if not target.is_relative_to(inside)}
-            found |= new
+            new = {target for target in targets - targets_outside if not target.is_relative_to(inside)}
+            targets_outside |= new
             todo += sorted(new)
-    return sorted(found)
+    return sorted(targets_outside)
 
 
 def _link(place: Path, target: Path) -> None:

@@ -56,7 +56,7 @@ def score_surfaces(
         if (shape_id, step) in folder.rows:
             mesh = folder.read(shape_id, step).mesh
             surfaces[arm] = Measured(mesh) if len(mesh.faces) else None
-    own_truth = Truth.own(shapes.read(shape_id), sequence, step, params.detail, transfer) if step else None
+    own_truth = Truth.of_own_cuboids(shapes.read(shape_id), sequence, step, params.detail, transfer) if step else None
     rows = []
     for seed in params.seeds:
         drawn = truth.drawn(params.points, item_rng(seed, "truth", shape_id, step))

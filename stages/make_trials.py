@@ -3,11 +3,13 @@
 python -m stages.make_trials data/raw/chair data/shapes/chair data/sequences/chair data/trials/chair
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from cagesdf.cuboid import Sequence
+import numpy as np
+
+from cagesdf.cuboid import Cage, Sequence
 from cagesdf.deformation import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
@@ -20,6 +22,7 @@ from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.io.trials import write_trials
 from cagesdf.meshes import Mesh
 from cagesdf.seeds import draw, item_rng
+from cagesdf.shape import Shape
 from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
@@ -38,8 +41,8 @@ def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsPara
         swapped = [pairs[name] for name in draw(params.seed, pairs, params.swaps)]
         mixed = [pairs[name] for name in draw(params.seed, pairs, params.mixes)]
         edited = draw(params.seed, cages, params.shapes)
-        swap = partial(swap_one, source, cages, recipes, params)
-        mix = partial(mix_one, source, cages, recipes, params)
+        swap = partial(styled_one, partial(swaps_compared, recipes), source, cages, params)
+        mix = partial(styled_one, partial(mixes_compared, recipes), source, cages, params)
         edit = partial(edit_one, source, cages, params)
         swaps, _ = parallel_map(swap, swapped, rejects=ShapeRejected, label="make_trials, swaps")
         mixes, _ = parallel_map(mix, mixed, rejects=ShapeRejected, label="make_trials, mixes")
@@ -54,46 +57,45 @@ def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsPara
         print(f"{drawn}, {len(made) - len(styled)} other trials; {skipped} left out: too thin")
 
 
-def swap_one(
+Compared = list[tuple[Trial, dict[str, Mesh]]]  # trials, and what is measured on each beside the unchanged shape
+
+
+def styled_one(
+    compared: Callable[[Shape, Cage, Shape, Cage, np.random.Generator], Compared],
     source: ShapeFolder,
     cages: Mapping[str, Sequence],
-    recipes: Mapping[str, Recipe],
     params: TrialsParams,
     pair: tuple[str, str],
 ) -> list[tuple[Trial, list[Row]]]:
-    """A shape's cuboids with another's style, against both truths, and their references."""
+    """The trials that `compared` makes of a shape's cuboids and another's style, with their references."""
     shape, styled = (source.read(shape_id) for shape_id in pair)
     cage, styled_cage = (cages[shape_id].cages[0] for shape_id in pair)
-    swap, warp = swap_trials(shape, cage, styled, styled_cage, recipes)
+    trials = compared(shape, cage, styled, styled_cage, item_rng(params.seed, "mix", *pair))
+    if not trials:
+        return []
     unchanged = union([part.mesh for part in shape.parts])
+    return [(trial, measured(trial, {"unchanged": unchanged, **surfaces}, params)) for trial, surfaces in trials]
+
+
+def swaps_compared(
+    recipes: Mapping[str, Recipe], shape: Shape, cage: Cage, styled: Shape, styled_cage: Cage, rng: np.random.Generator
+) -> Compared:
+    """The style in all parts, against both truths."""
+    swap, warp = swap_trials(shape, cage, styled, styled_cage, recipes)
     kept = union(keep_warp(styled, styled_cage, shape, cage)[0])
-    return [
-        (swap, measured(swap, {"unchanged": unchanged, "box_warp": warp.truth, "keep_warp": kept}, params)),
-        (warp, measured(warp, {"unchanged": unchanged}, params)),
-    ]
+    return [(swap, {"box_warp": warp.truth, "keep_warp": kept}), (warp, {})]
 
 
-def mix_one(
-    source: ShapeFolder,
-    cages: Mapping[str, Sequence],
-    recipes: Mapping[str, Recipe],
-    params: TrialsParams,
-    pair: tuple[str, str],
-) -> list[tuple[Trial, list[Row]]]:
-    """The same of the parts of one label alone, and once more with details that keep their size."""
-    shape, styled = (source.read(shape_id) for shape_id in pair)
-    cage, styled_cage = (cages[shape_id].cages[0] for shape_id in pair)
-    trials = mix_trials(shape, cage, styled, styled_cage, recipes, item_rng(params.seed, "mix", *pair))
+def mixes_compared(
+    recipes: Mapping[str, Recipe], shape: Shape, cage: Cage, styled: Shape, styled_cage: Cage, rng: np.random.Generator
+) -> Compared:
+    """The style in the parts of one label, which is drawn, and once more with details that keep their size."""
+    trials = mix_trials(shape, cage, styled, styled_cage, recipes, rng)
     if not trials:
         return []
     mix, warp, keep = trials
-    unchanged = union([part.mesh for part in shape.parts])
     kept = union(list(kept_parts(styled, styled_cage, shape, cage, keep.part_id.split("|"))))
-    return [
-        (mix, measured(mix, {"unchanged": unchanged, "box_warp": warp.truth}, params)),
-        (warp, measured(warp, {"unchanged": unchanged}, params)),
-        (keep, measured(keep, {"unchanged": unchanged, "keep_warp": kept}, params)),
-    ]
+    return [(mix, {"box_warp": warp.truth}), (warp, {}), (keep, {"keep_warp": kept})]
 
 
 def edit_one(
@@ -107,8 +109,8 @@ def edit_one(
     beyond, skipped = beyond_trials(shape, sequence, params.beyond)
     bent = bent_trial(shape, sequence, params.blend)
     warped = union(deform_shape(shape, sequence.cages[0], bent.cage))
-    # Of local edits and sequences box_warp is the truth, which is measured once, at rest.
-    compared: list[tuple[Trial, dict[str, Mesh]]] = [
+    # For local edits and sequences box_warp is the truth, which is measured once, at rest.
+    compared: Compared = [
         (rest, {"ground_truth": rest.truth}),
         *((trial, {}) for trial in local),
         *((trial, {"unchanged": rest.truth}) for trial in beyond),

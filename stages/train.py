@@ -81,7 +81,7 @@ def main(points: Path, shapes: Path, cuboids: Path, sequences: Path, out: Path, 
             checkpoint.remove()
         else:
             trained(inputs, None, out.name, params, ranks)
-        ranks.wait()
+        ranks.barrier()
 
 
 def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: TrainParams, ranks: Ranks) -> Checkpoint:

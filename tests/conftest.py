@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from cagesdf.editing.session import Session
+    from tests.support.commands import Command
 
 for name in ("OMP_NUM_THREADS", "IGL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -22,8 +23,9 @@ settings.load_profile("project")
 
 # By processor seconds on AVX2, from 300 down to 25; those that aren't named take less.
 LONGEST = (
-    "test_end_to_end", "test_editor", "test_planning", "test_synthesis_dataset", "test_broken", "test_solid",
-    "test_collection", "test_cluster", "test_faults", "test_lanes", "test_report",
+    "project/test_end_to_end", "browser/test_editor", "pipeline/test_planning", "synthesis/test_dataset",
+    "geometry/test_broken", "geometry/test_solid", "project/test_collection", "pipeline/test_cluster",
+    "pipeline/test_faults", "pipeline/test_lanes", "report/test_page",
 )  # fmt: skip
 LONG_NAME = 60  # characters
 
@@ -31,15 +33,32 @@ LONG_NAME = 60  # characters
 @pytest.fixture(scope="module")
 def session() -> "Session":
     """Two chairs, a and b, in one cage, and a network that was never trained."""
-    from untrained import untrained
+    from tests.support.untrained import untrained
 
     return untrained()
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> "Command":
+    """The `cagesdf` command, in this process."""
+    from tests.support.commands import Command
+
+    return Command(capsys, monkeypatch)
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run whose network is Balls, and a quick `fit`."""
+    from tests.support import balls
+
+    return balls.write_run(tmp_path / "run", monkeypatch)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whole files, since what a file's tests share is made once."""
     place = {name: number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(Path(item.path).stem, len(place)))
+    here = Path(__file__).parent
+    items.sort(key=lambda item: place.get(item.path.relative_to(here).with_suffix("").as_posix(), len(place)))
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:

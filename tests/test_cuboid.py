@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from analytic import box_sdf
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import CORNER_ORDER, PROPER_PERMUTATIONS, Cage, Cuboid
+from tests.support.analytic import box_sdf
 
 SEEDS = st.integers(0, 2**32 - 1)
 

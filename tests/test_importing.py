@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import toy
 
 from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError, ShapeRejected
@@ -16,6 +15,7 @@ from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from cagesdf.structure.relations import Adjacency, Reflection, Rotation, Translation
+from tests.support import toy
 
 IKEA = Path(__file__).parent.parent.parent / "shared/data/ikea"
 LIMITS: toy.Limits = {"weld": 1e-5, "max_faces": 10_000, "max_parts": 150, "min_thickness": 1e-4}

@@ -96,7 +96,10 @@ class TrainedRun:
         temperature: float = 1.0,
         program: Path | str | None = None,
     ) -> NewShapes:
-        """What `generate` makes shapes of, for runs without cuboids too. Raises InputError if nothing can be drawn."""
+        """Cages and codes that `generate` makes shapes of, for runs without cuboids too.
+
+        Raises InputError if nothing can be drawn.
+        """
         if not 1 <= count <= MOST:
             raise InputError(f"count {count}: wanted 1 to {MOST:,}")
         check_seed(seed)

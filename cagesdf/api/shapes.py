@@ -402,7 +402,7 @@ class FittedShape(ModelledShape):
         return inference.fitted_surface(self._session.run, self.fit, resolution)
 
     def report(self, surface: Extraction, seed: int = 0) -> dict[str, Any]:
-        """What became of it, for JSON: the verdict, and how far a surface that `extract` gave is from the files'."""
+        """Results for JSON: the verdict, and the distance of a surface that `extract` gave from the files'."""
         measured = inference.measure(self.fit, surface.mesh, **inference.MEASURE, rng=item_rng(seed, "measure"))
         return inference.report(self.fit, surface, measured)
 

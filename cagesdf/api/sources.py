@@ -30,7 +30,7 @@ Source = Path | str | trimesh.Trimesh | Mapping[str, trimesh.Trimesh]
 
 @dataclass(frozen=True)
 class ShapeCheck:
-    """What became of one shape of a folder."""
+    """Result of the check of one shape of a folder."""
 
     shape_id: str
     usable: bool

@@ -42,7 +42,7 @@ def attached(before: Cage, after: Cage, changed: Set[str]) -> Cage:
         pulls = _pulls(before, cage, contacts, moved)
         if not pulls:
             break
-        cage = Cage.of({part: _pulled(own, pulls.get(part, ())) for part, own in cage.cuboids().items()})
+        cage = Cage.of({part: _pulled(cuboid, pulls.get(part, ())) for part, cuboid in cage.cuboids().items()})
         moved |= pulls.keys()
     return _reaching(cage, contacts.opened(cage), changed)
 
@@ -83,11 +83,11 @@ def _pulls(before: Cage, now: Cage, contacts: Contacts, moved: Set[str]) -> dict
     has_moved = np.isin(now.part_ids, list(moved))
     pulls: dict[str, list[Pull]] = {}
     for i, j in np.argwhere(worse & ~has_moved[:, None] & has_moved).tolist():
-        own, neighbour = before[before.part_ids[i]], before[before.part_ids[j]]
-        point = _middle(own, neighbour)
+        cuboid, neighbour = before[before.part_ids[i]], before[before.part_ids[j]]
+        point = _middle(cuboid, neighbour)
         displacement = _carried(point, neighbour, now[now.part_ids[j]]) - point
         axis = int(contacts.faces[i, j].argmax())
-        side = 1 if own.axes[axis] @ (neighbour.centre - own.centre) > 0 else -1
+        side = 1 if cuboid.axes[axis] @ (neighbour.centre - cuboid.centre) > 0 else -1
         pulls.setdefault(now.part_ids[i], []).append(Pull(axis, side, displacement))
     return pulls
 

@@ -38,25 +38,27 @@ class Health:
     resolution: int  # the least, in steps of STEP, with which it has HELD; 0: none up to FINEST
 
     @staticmethod
-    def of(found: Extraction, state: State, resolution: int, fineness: Fineness = USUAL) -> "Health":
+    def of(extraction: Extraction, state: State, resolution: int, fineness: Fineness = USUAL) -> "Health":
         """The health of a state's surface that was made with these cells."""
         names = part_names(state.structure)
         cuboids = {**CUBE.cuboids(), **state.cage.cuboids()}  # a decoder that knows no cuboids has one part, the cube
-        torn = [part for part, mesh in found.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
-        profiles = {part: _Profile.of(mesh, cuboids[part]) for part, mesh in found.parts.items() if len(mesh.faces)}
+        torn = [part for part, mesh in extraction.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
+        profiles = {
+            part: _Profile.of(mesh, cuboids[part]) for part, mesh in extraction.parts.items() if len(mesh.faces)
+        }
         cells = {part: profile.cells(resolution, fineness) for part, profile in profiles.items()}
         expected, _ = connected_components(touching(state.cage), directed=False)
-        closed = bool(len(found.mesh.faces)) and is_closed(found.mesh)
+        closed = bool(len(extraction.mesh.faces)) and is_closed(extraction.mesh)
         called = tuple(names.get(part, part) for part in torn)
         if not cells:
-            return Health(closed, found.components, int(expected), called, None, 0.0, 0.0, 0)
+            return Health(closed, extraction.components, int(expected), called, None, 0.0, 0.0, 0)
         part = min(cells, key=lambda part: cells[part])
         finer = range(STEP, FINEST + 1, STEP)
         first = bisect_left(finer, HELD, key=lambda count: profiles[part].cells(count, fineness))
         enough = finer[first] if first < len(finer) else 0
-        thick = thickness(found.parts[part]) / state.similarity.scale
+        thick = thickness(extraction.parts[part]) / state.similarity.scale
         return Health(
-            closed, found.components, int(expected), called, names.get(part, part), thick, cells[part], enough
+            closed, extraction.components, int(expected), called, names.get(part, part), thick, cells[part], enough
         )
 
     def __str__(self) -> str:

@@ -37,7 +37,7 @@ class Link(Protocol):
         """Where a point of the one is on the other."""
 
     def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
-        """What a change of a cuboid that has these axes is for the other."""
+        """The equivalent change for the linked cuboid; `axes` are those of the cuboid that changes."""
 
 
 # By part, those that follow it, and how they are made of it.
@@ -60,7 +60,7 @@ class Mirror:
         return self
 
     def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
-        """What a change of a cuboid that has these axes is for the cuboid on the other side."""
+        """The equivalent change for the mirrored cuboid; `axes` are those of the cuboid that changes."""
         flip = np.eye(3) - 2 * np.outer(self.normal, self.normal)
 
         def other(cuboid: Cuboid) -> Cuboid:
@@ -93,27 +93,27 @@ class Motion:
         return Cuboid(self(cuboid.centre), cuboid.axes @ self.rotation.T, cuboid.size)
 
     def carried(self, change: Change, axes: Float[ndarray, "3 3"]) -> Change:
-        """What a change is for the cuboid that the motion leads to; `axes` go along."""
+        """The equivalent change for the moved cuboid; `axes` move with it."""
         back = self.inverse()
         return lambda cuboid: self.moved(change(back.moved(cuboid)))
 
 
 def mirrors(state: State) -> Links:
     """By part, the parts that mirror it according to the structure, and in which plane."""
-    found: Links = {part: {} for part in state.cage.part_ids}
+    links: Links = {part: {} for part in state.cage.part_ids}
     for a, b, link in _pairs(state):
         if isinstance(link, Mirror):
-            found[a][b] = found[b][a] = link
-    return found
+            links[a][b] = links[b][a] = link
+    return links
 
 
 def repeats(state: State) -> Links:
     """By part, those that are the same part moved or turned to another place, and which motion leads there."""
-    found: Links = {part: {} for part in state.cage.part_ids}
+    links: Links = {part: {} for part in state.cage.part_ids}
     for a, b, link in _pairs(state):
         if isinstance(link, Motion):
-            found[a][b], found[b][a] = link, link.inverse()
-    return found
+            links[a][b], links[b][a] = link, link.inverse()
+    return links
 
 
 def followed(state: State, mirror: bool, repeat: bool) -> list[Links]:
@@ -144,15 +144,15 @@ def part_relations(state: State) -> tuple[Relation, ...]:
     One between nodes pairs the parts below them: each with the one that is nearest to its image. Groups that touch say
     nothing of which of their parts do.
     """
-    found: list[Relation] = []
+    relations: list[Relation] = []
     for relation in state.structure.relations():
         ours, theirs = (_leaves(state.structure, node) for node in (relation.a, relation.b))
         link = link_of(relation, state)
         if link is not None:
-            found += [replace(relation, a=a, b=b) for a, b in _nearest(state.cage, ours, theirs, link)]
+            relations += [replace(relation, a=a, b=b) for a, b in _nearest(state.cage, ours, theirs, link)]
         elif (relation.a, relation.b) == (ours[0], theirs[0]):
-            found.append(relation)
-    return tuple(found)
+            relations.append(relation)
+    return tuple(relations)
 
 
 def _pairs(state: State) -> Iterator[tuple[str, str, Link]]:
@@ -198,7 +198,7 @@ def locked(state: State, changes: Mapping[str, Change], links: Sequence[Links]) 
     waiting = deque(changes)
     while waiting:
         part = waiting.popleft()
-        for other, link in [pair for some in links for pair in some[part].items()]:
+        for other, link in [pair for group in links for pair in group[part].items()]:
             if other not in every:
                 every[other] = link.carried(every[part], state.cage[part].axes)
                 waiting.append(other)

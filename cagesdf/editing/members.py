@@ -55,8 +55,8 @@ def duplicated(state: State, operation: Duplicate) -> State:
 
     Raises InputError for more parts than MAX_PARTS.
     """
-    way = state.similarity.scale * (state.similarity.rotation @ np.array(operation.by))
-    move: Change = lambda cuboid: replace(cuboid, centre=cuboid.centre + way)  # noqa: E731
+    displacement = state.similarity.scale * (state.similarity.rotation @ np.array(operation.by))
+    move: Change = lambda cuboid: replace(cuboid, centre=cuboid.centre + displacement)  # noqa: E731
     parts = select(state.structure, operation.part)
     moves = locked(state, dict.fromkeys(parts, move), followed(state, operation.mirror, operation.repeat))
     copies = _new_ids(state, moves)
@@ -95,7 +95,7 @@ def split(state: State, operation: Split) -> State:
         for start, end in ((0.0, operation.at), (operation.at, 1.0))
     )
     ends = _new_ids(state, low)
-    cuboids = {part: low[part](own) if part in low else own for part, own in state.cage.cuboids().items()}
+    cuboids = {part: low[part](cuboid) if part in low else cuboid for part, cuboid in state.cage.cuboids().items()}
     cuboids |= {ends[part]: change(state.cage[part]) for part, change in high.items()}
     relations = list[Relation]()
     for relation in part_relations(state):
@@ -110,7 +110,7 @@ def split(state: State, operation: Split) -> State:
 
 
 def _cut(row: int, start: float, end: float) -> Change:
-    """What leaves of a cuboid the share from `start` to `end` along one of its axes."""
+    """A change that leaves of a cuboid the share from `start` to `end` along one of its axes."""
     factors = np.ones(3)
     factors[row] = end - start
     shift = (start + end - 1) / 2
@@ -122,13 +122,13 @@ def _cut(row: int, start: float, end: float) -> Change:
 def _new_ids(state: State, parts: Iterable[str]) -> dict[str, str]:
     """By part, an id for one that is like it; no id, label or name that there is, so that none of these changes."""
     taken = {*state.cage.part_ids, *state.structure.labels().values(), *part_names(state.structure).values()}
-    found = {}
+    new_ids = {}
     for part in parts:
-        found[part] = free_name(part, taken)
-        taken.add(found[part])
-    if (count := len(state.cage) + len(found)) > MAX_PARTS:
+        new_ids[part] = free_name(part, taken)
+        taken.add(new_ids[part])
+    if (count := len(state.cage) + len(new_ids)) > MAX_PARTS:
         raise InputError(f"it makes {count:,} parts; wanted at most {MAX_PARTS:,}")
-    return found
+    return new_ids
 
 
 def _holds(relation: Relation, state: State, copies: Mapping[str, str], cuboids: Mapping[str, Cuboid]) -> bool:
@@ -137,8 +137,8 @@ def _holds(relation: Relation, state: State, copies: Mapping[str, str], cuboids:
     if link is None:
         return True
     a, b = cuboids[copies[relation.a]].centre, cuboids[copies[relation.b]].centre
-    there = link(state.cage[relation.a].centre) - state.cage[relation.b].centre
-    return bool(np.abs(link(a) - b - there).max() <= SAME)
+    difference = link(state.cage[relation.a].centre) - state.cage[relation.b].centre
+    return bool(np.abs(link(a) - b - difference).max() <= SAME)
 
 
 def _numbers(vectors: Mapping[str, np.ndarray]) -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""What the operations of a script do: functions from state to state."""
+"""The operations of a script: functions from state to state."""
 
 from dataclasses import replace
 
@@ -74,7 +74,7 @@ def apply(history: History, operation: Operation, styles: Styles) -> History:
         case Redo():
             return history.redone()
         case _:
-            # What overflows is refused by what it leads to.
+            # An overflow is refused by the checks of the result.
             with np.errstate(over="ignore", invalid="ignore"):
                 return history.then(_after(history.present, operation, styles))
 
@@ -157,10 +157,10 @@ def mixed(state: State, operation: Mix, styles: Styles) -> State:
         # Nothing is left of what a step of weight 1 starts from.
         before = part_styles.get(part, ()) if weight < 1 else ()
         part_styles[part] = (*before, step)
-        own = state.cage[part].size
+        source_size = state.cage[part].size
         if operation.details == "keep":
-            own = state.seen[state.seen_as(part)].size if cage is None else unit * cage[step.part].size
-        lengths[part] = (1 - weight) * lengths[part] + weight * own
+            source_size = state.seen[state.seen_as(part)].size if cage is None else unit * cage[step.part].size
+        lengths[part] = (1 - weight) * lengths[part] + weight * source_size
     return replace(state, part_styles=part_styles).evaluated_in(lengths)
 
 
@@ -227,7 +227,9 @@ def reprogrammed(state: State, name: str, value: float) -> State:
         raise InputError("the shape has no program: its cuboids are free of each other; move and resize them")
     program, placement = placed
     changed = with_parameter(program, name, value)
-    before, after = (scaled_cage(execute(own).transformed(placement), state.stretch) for own in (program, changed))
+    before, after = (
+        scaled_cage(execute(version).transformed(placement), state.stretch) for version in (program, changed)
+    )
     if (after.size <= 0).any():
         raise InputError(f"parameter {name!r}: with {value:g} a cuboid has no volume")
     return replace(state, cage=_followed(state.cage, before, after), structure=state.structure.with_program(changed))
@@ -249,8 +251,8 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
     parts = select(state.structure, operation.part)
     match operation:
         case Move(by=by, frame="shape"):
-            way = state.similarity.scale * (state.similarity.rotation @ np.array(by))
-            change: Change = lambda cuboid: replace(cuboid, centre=cuboid.centre + way)  # noqa: E731
+            displacement = state.similarity.scale * (state.similarity.rotation @ np.array(by))
+            change: Change = lambda cuboid: replace(cuboid, centre=cuboid.centre + displacement)  # noqa: E731
         case Move(by=by):
             change = _moved_in_own_frame(state, by)
         case Resize(frame="shape"):
@@ -263,15 +265,17 @@ def _change_parts(state: State, operation: Move | Resize | Rotate) -> State:
             change = _turned(state, operation)
     links = followed(state, operation.mirror, operation.repeat) + [alike(state)] * operation.repeat
     every = locked(state, dict.fromkeys(parts, change), links)
-    cage = Cage.of({part: every[part](own) if part in every else own for part, own in state.cage.cuboids().items()})
+    cage = Cage.of(
+        {part: every[part](cuboid) if part in every else cuboid for part, cuboid in state.cage.cuboids().items()}
+    )
     return state.with_cage(attached(state.cage, cage, every.keys()) if operation.attach else cage)
 
 
 def _moved_in_own_frame(state: State, by: tuple[float, float, float]) -> Change:
     local = np.zeros(3)
-    for axis, way in zip("xyz", by):
+    for axis, length in zip("xyz", by):
         row, sign = state.own_axis(axis)
-        local[row] = sign * way * state.similarity.scale
+        local[row] = sign * length * state.similarity.scale
     return lambda cuboid: replace(cuboid, centre=cuboid.centre + local @ cuboid.axes)
 
 

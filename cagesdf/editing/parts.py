@@ -1,4 +1,4 @@
-"""What a user calls a shape's parts and its program's numbers."""
+"""Names that users have for a shape's parts and its program's numbers."""
 
 import unicodedata
 from collections import Counter
@@ -45,15 +45,17 @@ def distinct_labels(labels: Mapping[str, str]) -> dict[str, str]:
     taken, numbers = set(shared), Counter[str]()
     names = {}
     for part, base in bases.items():
-        label, own = _key(base), _key(ids[part])
+        label, part_key = _key(base), _key(ids[part])
         if shared[label] > 1:
             numbers[label] += 1
-            numbered = own.startswith(f"{label}_") and own.removeprefix(f"{label}_").isdecimal()
+            numbered = part_key.startswith(f"{label}_") and part_key.removeprefix(f"{label}_").isdecimal()
             candidates = chain(
                 [ids[part]] if numbered else [], (f"{base}{'_' * width}{numbers[label]}" for width in count(1))
             )
             base = next(
-                name for name in candidates if _key(name) not in taken and owners[_key(name)] == (_key(name) == own)
+                name
+                for name in candidates
+                if _key(name) not in taken and owners[_key(name)] == (_key(name) == part_key)
             )
             taken.add(_key(base))
         names[part] = base
@@ -88,17 +90,17 @@ def select(structure: Structure, pattern: str) -> tuple[str, ...]:
     names, labels = part_names(structure), structure.labels()
     named = {name: part for part, name in names.items()}
     whole = pattern in labels or pattern in labels.values()
-    found: set[str] = set()
+    selected: set[str] = set()
     for alternative in [pattern] if whole else pattern.split("|"):
         if alternative in named:
-            found.add(named[alternative])
+            selected.add(named[alternative])
             continue
         subset = {part for part, name in names.items() if _called(alternative, part, name, labels[part])}
         if not subset:
             known = ", ".join([*names.values()][:SHOWN_NAMES]) + (", …" if len(names) > SHOWN_NAMES else "")
             raise InputError(f"part {_short(alternative)}: no part is called so; wanted one of {known}")
-        found |= subset
-    return tuple(part for part in names if part in found)
+        selected |= subset
+    return tuple(part for part in names if part in selected)
 
 
 def _called(pattern: str, *words: str) -> bool:

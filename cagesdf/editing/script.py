@@ -246,7 +246,7 @@ class Redo(_Operation):
     op: Literal["redo"] = "redo"
 
 
-# What leads from state to state.
+# The operations that lead from state to state.
 Step = (
     Move
     | Resize
@@ -326,7 +326,7 @@ def _refusal(failure: ValidationError) -> str:
 
 
 def _field(kind: str, where: tuple[int | str, ...], error: str, came: Any) -> str:
-    """What is wrong with a field of an operation."""
+    """Problem of a field of an operation, in words."""
     fields = {field.alias or name: field for name, field in KINDS[kind].model_fields.items()}
     path = _short(".".join(map(str, where)), _printable)
     field = fields.get(str(where[0])) if where else None

@@ -37,7 +37,7 @@ from cagesdf.structure.base import Structure
 
 
 class Session:
-    """What a command or an editor asks about the shapes of a run."""
+    """The shapes of a run, as commands and editors open, edit and extract them."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -67,7 +67,7 @@ class Session:
         )
 
     def edited(self, state: State, script: Script) -> History:
-        """What a script leads to. Raises InputError as `operations.edited` and `check_editable`."""
+        """The states that a script leads to. Raises InputError as `operations.edited` and `check_editable`."""
         self.check_editable()
         return edited(state, script, self.styles)
 
@@ -85,7 +85,7 @@ class Session:
         each: Each = map,
         fineness: Fineness = USUAL,
     ) -> "Live":
-        """What gives the surfaces of one state after another; the choices are extraction's, by name.
+        """A source of the surfaces of one state after another; the choices are extraction's, by name.
 
         With `each` a pool's `map`, cuboids are asked side by side.
         """
@@ -125,15 +125,15 @@ def state_field(run: Run, state: State) -> CageField:
             key = step.latent.tobytes(), cage.vectors().tobytes()
             if key not in known:
                 known[key] = part_codes(run.decoder, torch.from_numpy(step.latent).to(device), cage)
-            own = state.seen_as(part) if step.cage is None else step.part
+            owner = state.seen_as(part) if step.cage is None else step.part
             # At both ends of the way, lerp gives the end itself, to the last bit.
-            codes[row] = torch.lerp(codes[row], known[key][cage.part_ids.index(own)], step.weight)
+            codes[row] = torch.lerp(codes[row], known[key][cage.part_ids.index(owner)], step.weight)
     return CageField(run.decoder, codes, state.cage, state.evaluated())
 
 
-def model_of(found: Extraction, state: State) -> Model:
+def model_of(extraction: Extraction, state: State) -> Model:
     """A state's surface, canonical, as it is given to users."""
-    return as_given(found.mesh, found.parts, state.cage, state.structure, state.similarity)
+    return as_given(extraction.mesh, extraction.parts, state.cage, state.structure, state.similarity)
 
 
 def as_given(mesh: Mesh, parts: Mapping[str, Mesh], cage: Cage, structure: Structure, similarity: Similarity) -> Model:

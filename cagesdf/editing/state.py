@@ -61,13 +61,13 @@ class State:
         """The cuboids that the network is evaluated in."""
         if not self.kept:
             return self.cage
-        size = [self.kept.get(part, own) for part, own in zip(self.cage.part_ids, self.cage.size)]
+        size = [self.kept.get(part, lengths) for part, lengths in zip(self.cage.part_ids, self.cage.size)]
         return replace(self.cage, size=np.array(size))
 
     def evaluated_in(self, lengths: Mapping[str, Float[ndarray, " 3"]]) -> "State":
         """The state whose details keep the size that they have in cuboids of these lengths, by id."""
-        own = dict(zip(self.cage.part_ids, self.cage.size))
-        return replace(self, kept={part: kept for part, kept in lengths.items() if (kept != own[part]).any()})
+        sizes = dict(zip(self.cage.part_ids, self.cage.size))
+        return replace(self, kept={part: kept for part, kept in lengths.items() if (kept != sizes[part]).any()})
 
     def with_cage(self, cage: Cage) -> "State":
         """The same parts in other cuboids."""

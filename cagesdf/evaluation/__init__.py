@@ -1,1 +1,1 @@
-"""What a surface is worth: the metrics of docs/metrics.md and the tables made of them."""
+"""Quality of surfaces: the metrics of docs/metrics.md and the tables made of them."""

@@ -49,5 +49,5 @@ def recipe_parts(recipe: Recipe, style: Recipe) -> list[Mesh]:
 
 
 def label_of(recipe: Recipe) -> str:
-    """What a classifier of shapes is to say of a recipe's."""
+    """The class of a recipe's shapes, for the classifier."""
     return f"{recipe.category}/{recipe.family}"

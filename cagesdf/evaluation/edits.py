@@ -1,4 +1,4 @@
-"""What an edit's surface is worth: the figures of a trial (docs/metrics.md)."""
+"""Quality of an edit's surface: the figures of a trial (docs/metrics.md)."""
 
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
@@ -138,7 +138,7 @@ def with_gains(rows: Iterable[Row], references: Iterable[Row]) -> list[Row]:
 
 
 def definitions(points: int, detail: float, seed: int) -> dict[str, Any]:
-    """What the figures mean and how they are measured, for the head of every file of them."""
+    """Meaning of the figures and how they are measured, for the metadata of each file of them."""
     return {
         "version": VERSION,
         "definitions": "docs/metrics.md",

@@ -92,19 +92,21 @@ def score(generated: Described, train: Described, reference: Described, draws: S
         draws = ()
     to_train = chamfer(generated.points, train.points)
     to_reference = chamfer(generated.points, reference.points)
-    own = [np.where(np.eye(len(generated), dtype=bool), np.inf, d) for d in chamfer(generated.points, generated.points)]
+    within = [
+        np.where(np.eye(len(generated), dtype=bool), np.inf, d) for d in chamfer(generated.points, generated.points)
+    ]
     failed = generated.failed
     undefined = dict.fromkeys(FEATURES, np.nan)
     figures = feature_figures(generated.features, reference.features) if len(generated) > 1 else undefined
-    for suffix, train_distance, distance, among in zip(("", "_squared"), to_train, to_reference, own):
+    for suffix, train_distance, distance, among in zip(("", "_squared"), to_train, to_reference, within):
         figures["gen" + suffix] = float(np.where(failed, 0, train_distance.min(axis=1)).mean())
         figures["cov" + suffix] = float(distance.min(axis=0).mean())
         figures["var" + suffix] = float(np.where(failed, 0, among.min(axis=1)).mean()) if len(generated) > 1 else 0.0
     pairs = [(to_reference[1][: len(draw.rows), draw.rows], draw) for draw in draws]
-    alike = [(own[1][: len(draw.rows), : len(draw.rows)], failed[: len(draw.rows)]) for draw in draws]
+    alike = [(within[1][: len(draw.rows), : len(draw.rows)], failed[: len(draw.rows)]) for draw in draws]
     figures["coverage"] = _mean([coverage(between, lost) for (between, _), (_, lost) in zip(pairs, alike)])
     figures["told_apart"] = _mean(
-        [told_apart(among, between, draw.within, lost) for (between, draw), (among, lost) in zip(pairs, alike)]
+        [one_nna(among, between, draw.within, lost) for (between, draw), (among, lost) in zip(pairs, alike)]
     )
     distance = np.where(failed, np.inf, to_train[0].min(axis=1))
     return Scored(figures, to_train[0].argmin(axis=1), distance)
@@ -154,7 +156,7 @@ def coverage(between: Float[ndarray, "g r"], failed: Bool[ndarray, " g"]) -> flo
     return len(np.unique(between[~failed].argmin(axis=1))) / between.shape[1] if not failed.all() else 0.0
 
 
-def told_apart(
+def one_nna(
     among: Float[ndarray, "g g"],
     between: Float[ndarray, "g r"],
     within: Float[ndarray, "r r"],
@@ -167,9 +169,9 @@ def told_apart(
     among, within = among + np.diag(np.full(len(among), np.inf)), within + np.diag(np.full(len(within), np.inf))
     known, cross = among[:, ~failed], between[~failed]
     nearest = (x.min(axis=1, initial=np.inf) for x in (known, between, within, cross.T))
-    own, other, own_reference, other_reference = nearest
-    right = np.where(failed, True, own < other)
-    return float(np.concatenate([right, own_reference < other_reference]).mean())
+    same_set, other_set, same_reference, other_reference = nearest
+    right = np.where(failed, True, same_set < other_set)
+    return float(np.concatenate([right, same_reference < other_reference]).mean())
 
 
 def chamfer(

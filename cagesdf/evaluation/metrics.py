@@ -37,13 +37,13 @@ class PointMetric(Metric):
     # Arguments: from the true surface to the predicted one, back, and the longest side (canonical). A surface without
     # faces has the directions of `surfaces.nowhere`.
     of: Callable[[Direction, Direction, float], float]
-    own: bool = False  # whether `_own` is measured too: against true parts that followed their own cuboids alone
+    own_cuboids: bool = False  # whether `_own` is measured too: against parts that followed their own cuboids alone
 
     @property
     def variants(self) -> dict[str, str]:
         """The whole surface, against parts that followed their own cuboids where that is measured, and detail."""
-        own_cuboids = {f"{self.key}_own": "own cuboids"} if self.own else {}
-        return {self.key: "", **own_cuboids, f"{self.key}_detail": "detail"}
+        of_own = {f"{self.key}_own": "own cuboids"} if self.own_cuboids else {}
+        return {self.key: "", **of_own, f"{self.key}_detail": "detail"}
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ METRICS: tuple[PointMetric | SurfaceMetric, ...] = (
     PointMetric(
         "surface_distance", "distance", SIDE, False,
         "mean exact distance from points on either surface to the other, mean of both directions; 0 is perfect",
-        surface_distance, own=True,
+        surface_distance, own_cuboids=True,
     ),
     PointMetric(
         "accuracy", "accuracy", SIDE, False,
@@ -137,7 +137,7 @@ METRICS: tuple[PointMetric | SurfaceMetric, ...] = (
     ),
     PointMetric(
         "nc_signed", "normals, signed", "", True,
-        "the same with its sign: a surface that is inside out has -1", signed_consistency, own=True,
+        "the same with its sign: a surface that is inside out has -1", signed_consistency, own_cuboids=True,
     ),
     SurfaceMetric(
         "iou", "IoU", "", True,

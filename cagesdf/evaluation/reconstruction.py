@@ -1,4 +1,4 @@
-"""How far a surface is from the true one (§4.1, §4.2): the definitions of docs/metrics.md."""
+"""Distance of a surface from the true one (§4.1, §4.2): the definitions of docs/metrics.md."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +11,9 @@ from cagesdf.evaluation.metrics import POINT_METRICS, SURFACE_METRICS
 from cagesdf.evaluation.surfaces import Direction, Drawn, Measured, Truth, directions, nowhere
 
 VERSION = 4  # of the definitions; raised when one changes
-OWN = tuple(metric.key for metric in POINT_METRICS if metric.own)  # metrics against parts that followed their cuboids
+OWN = tuple(
+    metric.key for metric in POINT_METRICS if metric.own_cuboids
+)  # metrics against parts that followed their cuboids
 
 
 def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
@@ -33,10 +35,10 @@ def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random
 
 
 def point_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
-    """Those of `score` that are means over points of the whole surface, which are quick to get."""
+    """The metrics of `score` that are means over points of the whole surface, which are quick to get."""
     lost = nowhere(truth.side)
-    ways = (lost, lost) if predicted is None else directions(predicted, truth, drawn, rng)
-    return compare(*ways, truth.side)
+    both = (lost, lost) if predicted is None else directions(predicted, truth, drawn, rng)
+    return compare(*both, truth.side)
 
 
 def own_figures(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
@@ -55,7 +57,7 @@ def compare(forth: Direction, back: Direction, side: float) -> dict[str, float]:
 
 
 def definitions(points: int, detail: float, seeds: tuple[int, ...]) -> dict[str, Any]:
-    """What the figures mean, for the head of every file of metrics."""
+    """Meaning of the figures, for the metadata of every file of metrics."""
     return {
         "version": VERSION,
         "definitions": "docs/metrics.md",
@@ -70,7 +72,7 @@ def definitions(points: int, detail: float, seeds: tuple[int, ...]) -> dict[str,
 
 
 def _of_detail(forth: Direction, back: Direction, side: float, detail: Bool[ndarray, " n"]) -> dict[str, float]:
-    """Point metrics of the detail: true points that are, predicted points whose nearest true point is."""
+    """Point metrics of detail alone: true points that are detail, predicted points whose nearest true point is."""
     if not detail.any():
         return {f"{metric.key}_detail": float("nan") for metric in POINT_METRICS}
     back = back.only(back.detail) if back.detail.any() else nowhere(side)

@@ -79,7 +79,7 @@ class Truth(Measured):
         return Truth(union(transfer.parts(shape, sequence, step)), sequence.cages[step], detail)
 
     @staticmethod
-    def own(shape: Shape, sequence: Sequence, step: int, detail: float, transfer: Transfer) -> "Truth":
+    def of_own_cuboids(shape: Shape, sequence: Sequence, step: int, detail: float, transfer: Transfer) -> "Truth":
         """The same of parts that have each followed its own cuboid alone."""
         return Truth(union(transfer.own_parts(shape, sequence, step)), sequence.cages[step], detail)
 
@@ -98,7 +98,7 @@ class Drawn:
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Of the points."""
+        """Nearest-neighbour search among the points."""
         return _tree(self.points)
 
 

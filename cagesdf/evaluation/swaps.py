@@ -63,13 +63,13 @@ def swap_trials(
     what is right, and what deformation sequences teach. With `parts`, these alone take the style (a mix).
     """
     recipe = recipes[shape.shape_id]
-    own, other = (in_style(shape, rest, recipe, recipes[name].style) for name in (shape.shape_id, styled.shape_id))
+    original, other = (in_style(shape, rest, recipe, recipes[name].style) for name in (shape.shape_id, styled.shape_id))
     if parts is not None:
-        other = [b if part_id in parts else a for part_id, a, b in zip(rest.part_ids, own, other)]
-    different = {part_id: differ(a, b) for part_id, a, b in zip(rest.part_ids, own, other)}
+        other = [b if part_id in parts else a for part_id, a, b in zip(rest.part_ids, original, other)]
+    different = {part_id: differ(a, b) for part_id, a, b in zip(rest.part_ids, original, other)}
     warped, taken = box_warp(styled, styled_rest, shape, rest)
     if parts is not None:
-        of_shape = dict(zip(rest.part_ids, own))
+        of_shape = dict(zip(rest.part_ids, original))
         warped = [mesh if part_id in parts else of_shape[part_id] for part_id, mesh in zip(taken, warped)]
     of_part = np.array([different[part_id] for part_id in rest.part_ids])
     of_warped = np.array([different[part_id] for part_id in taken])
@@ -107,8 +107,8 @@ def mix_trials(
 def kept_parts(styled: Shape, styled_rest: Cage, shape: Shape, rest: Cage, parts: Container[str]) -> Iterator[Mesh]:
     """A mix without a network: the parts of `shape`, some of them those of `styled`, whose details keep their size."""
     kept, taken = keep_warp(styled, styled_rest, shape, rest)
-    own = {part.part_id: part.mesh for part in shape.parts}
-    return (mesh if part_id in parts else own[part_id] for part_id, mesh in zip(taken, kept))
+    original = {part.part_id: part.mesh for part in shape.parts}
+    return (mesh if part_id in parts else original[part_id] for part_id, mesh in zip(taken, kept))
 
 
 def _with_changed(trial: Trial, meshes: list[Mesh], different: Bool[ndarray, " p"]) -> Trial:

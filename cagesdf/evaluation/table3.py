@@ -66,16 +66,16 @@ def summarise_methods(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["arm"], row["method"]), []).append(row)
-    found = []
-    for (arm, method), some in groups.items():
-        entry: dict[str, Any] = {"arm": arm, "method": method, "shapes": some[0]["shapes"]}
+    entries = []
+    for (arm, method), group in groups.items():
+        entry: dict[str, Any] = {"arm": arm, "method": method, "shapes": group[0]["shapes"]}
         for figure in SUMMARISED:
-            values = [row[figure] for row in some if not np.isnan(row[figure])]
+            values = [row[figure] for row in group if not np.isnan(row[figure])]
             if values:
                 std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
                 entry[figure] = {"mean": float(np.mean(values)), "std": std, "n": len(values)}
-        found.append(entry)
-    return found
+        entries.append(entry)
+    return entries
 
 
 def ordered(methods: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:

@@ -75,9 +75,9 @@ def gather_progress(files: Mapping[str, tuple[Rows, Mapping[str, Any]]]) -> dict
         groups: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
         for row in rows:
             groups.setdefault((row["arm"], row["points"]), []).append(row)
-        for (arm, points), some in sorted(groups.items()):
-            means = {name: float(np.mean([row[name] for row in some])) for name in PROGRESS}
-            key = {"points": points, "held_out": all(row["held_out"] for row in some)}
+        for (arm, points), group in sorted(groups.items()):
+            means = {name: float(np.mean([row[name] for row in group])) for name in PROGRESS}
+            key = {"points": points, "held_out": all(row["held_out"] for row in group)}
             categories.setdefault(category, {}).setdefault(arm, []).append(key | means)
     return {"about": dict(about[0]) if about else {}, "categories": categories}
 
@@ -92,13 +92,13 @@ def gather_edits(
 
     Raises InputError if two files were not measured alike.
     """
-    about = [definitions for some in files.values() for _, definitions in some]
+    about = [definitions for group in files.values() for _, definitions in group]
     if any(other != about[0] for other in about):
         raise InputError("edits: wanted files that were all measured alike; rerun make_trials and evaluate_edits")
     categories = {}
-    for category, some in sorted(files.items()):
+    for category, group in sorted(files.items()):
         of_arm: dict[str, list[Mapping[str, Any]]] = {arm: [] for arm in arms[category]}
-        for row in (row for rows, _ in some for row in rows):
+        for row in (row for rows, _ in group for row in rows):
             of_arm.setdefault(row["arm"], []).append(row)
         categories[category] = {arm: summarise_edits(rows) for arm, rows in sorted(of_arm.items())}
     return {"about": dict(about[0]) if about else {}, "categories": categories}

@@ -14,8 +14,8 @@ from cagesdf.meshes import Mesh
 from cagesdf.shape import Shape
 from cagesdf.solid import union
 
-SWAPS = ("swap", "warp")  # those with another shape's style, by truth: the recipe's, the box-warp's
-# Those with another shape's style in some parts. The third has the recipe's truth, too, and details keep their size.
+SWAPS = ("swap", "warp")  # kinds with another shape's style, by truth: the recipe's, the box-warp's
+# Kinds with another shape's style in some parts. The third has the recipe's truth, too, and details keep their size.
 MIXES = ("mix", "mix_warp", "mix_keep")
 STYLED = (*SWAPS, *MIXES)
 KINDS = ("rest", "local", "beyond", "bent", *STYLED)

@@ -58,7 +58,7 @@ class CageField:
         vector, condition = self._conditioned(cuboid)
 
         def at_points(group: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
-            return self.decoder.at(self.decoder.features(group[None], vector), condition, group.dtype)[0]
+            return self.decoder.evaluate(self.decoder.features(group[None], vector), condition, group.dtype)[0]
 
         return self._values(at_points, points.astype(np.float32), cuboid)
 

@@ -101,7 +101,7 @@ class _Model:
     heights: Float[ndarray, " c"]
 
 
-# Of some cuboids (`Cage.vectors`); added to their distance to the boxes.
+# A loss of cuboids (`Cage.vectors`) that is added to their distance to the boxes.
 _Penalty = Callable[[Float[ndarray, "p 15"]], _Model]
 
 
@@ -216,8 +216,8 @@ class _Problem:
     ) -> _State | None:
         """The state after a step that is corrected by the leaves' curvature on the way to `trial`."""
         bend = trial.vectors - (state.vectors + jacobian @ step)
-        again, _ = self._step(replace(state, vectors=state.vectors + bend), jacobian, radius)
-        return self._trial(state, again)
+        corrected, _ = self._step(replace(state, vectors=state.vectors + bend), jacobian, radius)
+        return self._trial(state, corrected)
 
     def _descend(self, state: _State, radius: float, enough: float) -> tuple[_State, _State | None]:
         """Lower the loss step by step until it is enough. If a cliff ends that, also the state beyond it.

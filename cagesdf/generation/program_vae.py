@@ -149,7 +149,7 @@ class Decoder(nn.Module):
         cuboid, attach, squeeze = batch.rows[CUBOID], batch.rows[ATTACH], batch.rows[SQUEEZE]
         reflect, translate = batch.rows[REFLECT], batch.rows[TRANSLATE]
         copy = torch.cat([reflect, translate])
-        # Those that choose three cuboids first, then those that choose two, then one.
+        # Statements that choose three cuboids come first, then those that choose two, then one.
         about = torch.cat([squeeze, attach, copy])
         choosers = (about, about[: len(squeeze) + len(attach)], squeeze)
 

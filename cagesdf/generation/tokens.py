@@ -50,7 +50,7 @@ PLACE = slice(60, 62)  # of a squeeze
 ALIGNED = 62  # of a declared cuboid: 1 if it is
 WIDTH = 63
 
-# What rows may hold; published and fitted programs lie well inside.
+# Bounds of the rows' numbers; published and fitted programs lie well inside.
 SIZES = (1e-4, 10.0)  # lengths, program's unit
 REACH = (-1.0, 2.0)  # coordinates in cuboids, and spans
 MAX_COUNT = 64  # copies by one translate

@@ -58,31 +58,31 @@ class Decoder(nn.Module, ABC):
 
     @abstractmethod
     def features(self, points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n i"]:
-        """What the layers are given of each point."""
+        """Inputs of the first layer for each point."""
 
     @abstractmethod
     def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
-        """What a group's code and cuboid do to the layers."""
+        """Each group's numbers that act on the layers, from its code and cuboid: scales, shifts, feature planes."""
 
     @abstractmethod
-    def at(
-        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
+    def evaluate(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], compute_dtype: torch.dtype
     ) -> Float[Tensor, "g n"]:
-        """Signed distance of each point; matrices are multiplied in the number format `products`."""
+        """Signed distance of each point; matrices are multiplied in the number format `compute_dtype`."""
 
     def on_lattice(
         self, condition: Float[Tensor, "1 ..."], cuboid: Float[Tensor, "1 15"], axes: Sequence[Float[Tensor, " _"]]
     ) -> Callable[[Int[Tensor, "n 3"]], Float[Tensor, " n"]]:
         """From nodes of a lattice, by their indices along the axes of one cuboid, to signed distances.
 
-        `axes` are the nodes' coordinates along each axis in the unit frame. Equal to `at` but for rounding; a decoder
-        that knows more of lattices can be faster.
+        `axes` are the nodes' coordinates along each axis in the unit frame. Equal to `evaluate` but for rounding; a
+        decoder that knows more of lattices can be faster.
         """
 
         def at_nodes(nodes: Int[Tensor, "n 3"]) -> Float[Tensor, " n"]:
             unit = torch.stack([axis[index] for axis, index in zip(axes, nodes.T)], dim=1)
             points = from_unit(unit[None], cuboid)
-            return self.at(self.features(points, cuboid), condition, points.dtype)[0]
+            return self.evaluate(self.features(points, cuboid), condition, points.dtype)[0]
 
         return at_nodes
 
@@ -91,7 +91,7 @@ class Decoder(nn.Module, ABC):
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
         features = self.features(points, cuboid)
-        return self.at(features, self.condition(code, cuboid), features.dtype)
+        return self.evaluate(features, self.condition(code, cuboid), features.dtype)
 
 
 class CageDecoder(Decoder):
@@ -116,11 +116,11 @@ class CageDecoder(Decoder):
         """The point and its sines."""
         return torch.cat([points, sine_features(points, self.octaves)], dim=-1)
 
-    def at(
-        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
+    def evaluate(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], compute_dtype: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        return self.backbone(features, condition, products)
+        return self.backbone(features, condition, compute_dtype)
 
 
 class DeepSdfDecoder(Decoder):
@@ -135,16 +135,16 @@ class DeepSdfDecoder(Decoder):
     def __init__(self, width: int, layers: int, latent_dim: int, mapping: Sequence[int], octaves: int) -> None:
         super().__init__()
         self.octaves = octaves
-        self.again = layers // 2
+        self.skip_layer = layers // 2
         inputs = 3 + 6 * octaves + latent_dim
-        into = [inputs if i == 0 else width + inputs if i == self.again else width for i in range(layers)]
+        into = [inputs if i == 0 else width + inputs if i == self.skip_layer else width for i in range(layers)]
         self.hidden = nn.ModuleList([nn.Linear(size, width) for size in into])
         self.out = nn.Linear(width, 1)
 
     def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
         """Shifts of the layers; the cuboid plays no part."""
         shifts = [layer.get_parameter("bias").expand(len(code), -1) for layer in self.hidden]
-        for i in {0, self.again}:
+        for i in {0, self.skip_layer}:
             shifts[i] = shifts[i] + code @ self.hidden[i].get_parameter("weight")[:, -code.shape[1] :].T
         return torch.stack(shifts, dim=1)
 
@@ -152,16 +152,16 @@ class DeepSdfDecoder(Decoder):
         """The point and its sines; the cuboid plays no part."""
         return torch.cat([points, sine_features(points, self.octaves)], dim=-1)
 
-    def at(
-        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
+    def evaluate(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], compute_dtype: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
-        width, own = self.out.in_features, features.shape[-1]
+        width, inputs = self.out.in_features, features.shape[-1]
         weights = [
-            layer.get_parameter("weight")[:, : own if i == 0 else width + own if i == self.again else width]
+            layer.get_parameter("weight")[:, : inputs if i == 0 else width + inputs if i == self.skip_layer else width]
             for i, layer in enumerate(self.hidden)
         ]
-        return self.out(modulated(features, None, condition, self.again, weights, products))[..., 0]
+        return self.out(modulated(features, None, condition, self.skip_layer, weights, compute_dtype))[..., 0]
 
 
 def to_unit(points: Float[Tensor, "g n 3"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g n 3"]:

@@ -43,36 +43,38 @@ class FilmBackbone(nn.Module):
         """`inputs` features a point, `condition` numbers a group, `layers` hidden layers of `width` units."""
         super().__init__()
         self.mapping = MappingNetwork(condition, mapping, layers, width)
-        self.again = layers // 2
-        into = [inputs if i == 0 else width + inputs if i == self.again else width for i in range(layers)]
+        self.skip_layer = layers // 2
+        into = [inputs if i == 0 else width + inputs if i == self.skip_layer else width for i in range(layers)]
         self.hidden = nn.ModuleList([nn.Linear(size, width, bias=False) for size in into])  # the shifts are the biases
         self.out = nn.Linear(width, 1)
 
     def forward(
-        self, features: Float[Tensor, "g n i"], film: Float[Tensor, "g l 2 h"], products: torch.dtype
+        self, features: Float[Tensor, "g n i"], film: Float[Tensor, "g l 2 h"], compute_dtype: torch.dtype
     ) -> Float[Tensor, "g n"]:
-        """One number a point; `film` is what `mapping` gives for the groups, `products` as in `modulated`."""
+        """One number a point; `film` is what `mapping` gives for the groups, `compute_dtype` as in `modulated`."""
         weights = [layer.get_parameter("weight") for layer in self.hidden]
-        return self.out(modulated(features, 1 + film[:, :, 0], film[:, :, 1], self.again, weights, products))[..., 0]
+        return self.out(modulated(features, 1 + film[:, :, 0], film[:, :, 1], self.skip_layer, weights, compute_dtype))[
+            ..., 0
+        ]
 
 
 def modulated(
     features: Float[Tensor, "g n i"],
     scales: Float[Tensor, "g l h"] | None,
     shifts: Float[Tensor, "g l h"],
-    again: int,
+    skip_layer: int,
     weights: Sequence[Tensor],
-    products: torch.dtype,
+    compute_dtype: torch.dtype,
 ) -> Float[Tensor, "g n h"]:
-    """The last of the layers h = relu(scale ∘ (W x) + shift); `features` enter once more before layer `again`.
+    """The last of the layers h = relu(scale ∘ (W x) + shift); `features` enter once more before layer `skip_layer`.
 
-    `scales` None stands for ones. Matrices are multiplied, and kept, in the number format `products`;
+    `scales` None stands for ones. Matrices are multiplied, and kept, in the number format `compute_dtype`;
     what comes out is of the features'. The gradient is written by hand: a quarter of autograd's
     operations, and less to keep for it.
     """
     if torch.is_grad_enabled():
-        return _Modulated.apply(features, scales, shifts, again, products, *weights)
-    for _, _, hidden in _layers(*_cast(features, scales, shifts, products, weights), again):
+        return _Modulated.apply(features, scales, shifts, skip_layer, compute_dtype, *weights)
+    for _, _, hidden in _layers(*_cast(features, scales, shifts, compute_dtype, weights), skip_layer):
         last = hidden
     return last.to(features.dtype)
 
@@ -86,17 +88,17 @@ class _Modulated(torch.autograd.Function):
         features: Tensor,
         scales: Tensor | None,
         shifts: Tensor,
-        again: int,
+        skip_layer: int,
         dtype: torch.dtype,
         *weights: Tensor,
     ) -> Tensor:
         kind = features.dtype
         features, scales, shifts, cast = _cast(features, scales, shifts, dtype, weights)
-        inputs, products, outputs = zip(*_layers(features, scales, shifts, cast, again), strict=True)
-        ctx.again = again
-        # What a layer is given is what the one before gave, but where features enter.
+        inputs, products, outputs = zip(*_layers(features, scales, shifts, cast, skip_layer), strict=True)
+        ctx.skip_layer = skip_layer
+        # A layer's input is the output of the one before, except where features enter.
         ctx.save_for_backward(
-            scales, inputs[0], inputs[again], *(products if scales is not None else ()), *outputs, *cast
+            scales, inputs[0], inputs[skip_layer], *(products if scales is not None else ()), *outputs, *cast
         )
         return outputs[-1].to(kind)
 
@@ -109,7 +111,7 @@ class _Modulated(torch.autograd.Function):
         outputs, weights = rest[-2 * count : -count], rest[-count:]
         gradient = gradient.to(features.dtype)
         inputs = [features, *outputs[:-1]]
-        inputs[ctx.again] = joined
+        inputs[ctx.skip_layer] = joined
         width = gradient.shape[-1]
         to_scales, to_shifts, to_weights = [], [], []
         to_features = torch.zeros_like(features) if ctx.needs_input_grad[0] else None
@@ -124,7 +126,7 @@ class _Modulated(torch.autograd.Function):
                 to_weights.append(gradient.flatten(0, 1).T @ inputs[i].flatten(0, 1))
             else:
                 to_weights.append(None)
-            if to_features is not None and i in (0, ctx.again):
+            if to_features is not None and i in (0, ctx.skip_layer):
                 to_features += gradient @ (weights[i][:, width:] if i else weights[i])
             if i:
                 gradient = gradient @ weights[i][:, :width]
@@ -146,15 +148,15 @@ def _cast(
 
 
 def _layers(
-    features: Tensor, scales: Tensor | None, shifts: Tensor, weights: Sequence[Tensor], again: int
+    features: Tensor, scales: Tensor | None, shifts: Tensor, weights: Sequence[Tensor], skip_layer: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """What each layer is given, that times its weights, and what it gives."""
+    """Input of each layer, product of input and weights, output."""
     hidden = features
     for i, weight in enumerate(weights):
-        inputs = torch.cat([hidden, features], dim=-1) if 0 < i == again else hidden
+        inputs = torch.cat([hidden, features], dim=-1) if 0 < i == skip_layer else hidden
         product = inputs @ weight.T
         shift = shifts[:, i, None]
-        # Without scales nobody asks for the product again.
+        # Without scales the product isn't needed again.
         moved = product.add_(shift) if scales is None else torch.addcmul(shift, product, scales[:, i, None])
         hidden = moved.relu_()
         yield inputs, product, hidden

@@ -25,7 +25,7 @@ class PointNet(nn.Module):
         self.head = nn.Sequential(nn.ReLU(), nn.Linear(widths[-1], hidden), nn.ReLU(), nn.Linear(hidden, classes))
 
     def features(self, points: Float[Tensor, "b n 3"]) -> Float[Tensor, "b f"]:
-        """What is told of each cloud; the order of its points doesn't matter."""
+        """Features of each cloud; the order of its points doesn't matter."""
         return self.point(points).max(dim=1).values
 
     def forward(self, points: Float[Tensor, "b n 3"]) -> Float[Tensor, "b c"]:

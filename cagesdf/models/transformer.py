@@ -45,7 +45,7 @@ class CageTransformer(nn.Module):
         return self.out(self.norm(tokens, latent))
 
     def seen(self, cuboids: Float[Tensor, "s p c"], present: Bool[Tensor, "s p"]) -> Shaped[Tensor, "#s #h #p p"]:
-        """What each token sees of the others, by head: a mask, or what is added before the softmax. Here all of it."""
+        """Attention mask by head, or a bias that is added before the softmax. Here each token sees all others."""
         return present[:, None, None]
 
 

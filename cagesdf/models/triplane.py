@@ -82,14 +82,14 @@ class TriplaneDecoder(Decoder):
         unit = to_unit(points, cuboid)
         return torch.cat([unit, sine_features(unit, self.octaves)], dim=-1)
 
-    def at(
-        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], products: torch.dtype
+    def evaluate(
+        self, features: Float[Tensor, "g n i"], condition: Float[Tensor, "g ..."], compute_dtype: torch.dtype
     ) -> Float[Tensor, "g n"]:
         """Signed distance of each point."""
         planes, scales, shifts, unit = self._split(condition)
         given = torch.cat([self.read(planes, features[..., :3]), features], dim=-1)
         weights = [layer.get_parameter("weight") for layer in self.hidden]
-        return self.out(modulated(given, scales, shifts, 0, weights, products))[..., 0] * unit
+        return self.out(modulated(given, scales, shifts, 0, weights, compute_dtype))[..., 0] * unit
 
     def on_lattice(
         self, condition: Float[Tensor, "1 ..."], cuboid: Float[Tensor, "1 15"], axes: Sequence[Float[Tensor, " _"]]

@@ -1,4 +1,4 @@
-"""What stands in the page's tables: edits, arms, the paper's figures, and how numbers are written."""
+"""Contents of the page's tables: edits, arms, the paper's figures, and how numbers are written."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -170,9 +170,9 @@ def edit_rows(arms: Mapping[str, Any], names: Iterable[str], ranked: bool) -> li
     values = {name: [arms[name].get(column.kind, {}).get(column.figure) for column in columns] for name in names}
     best = []
     for i, column in enumerate(columns):
-        found = [line[i][column.statistic] for line in values.values() if line[i]]
+        means = [line[i][column.statistic] for line in values.values() if line[i]]
         choose = max if column.higher else min
-        best.append(choose(found) if ranked and len(set(found)) > 1 else None)
+        best.append(choose(means) if ranked and len(set(means)) > 1 else None)
     known = {**ARMS, **EDIT_REFERENCES}
     return [
         Row(

@@ -55,10 +55,10 @@ def _by_method(
     generated: Mapping[str, GeneratedFolder], generation: Path
 ) -> dict[tuple[str, str], list[dict[str, Any]]]:
     """Shapes with a surface by arm and method, arms in order; methods without any are left out."""
-    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    shapes: dict[tuple[str, str], list[dict[str, Any]]] = {}
     rows = [row for row in read_nearest(generation) if row["nearest"]]
     for arm in generated:
         for row in rows:
             if row["arm"] == arm:
-                found.setdefault((arm, row["method"]), []).append(row)
-    return found
+                shapes.setdefault((arm, row["method"]), []).append(row)
+    return shapes

@@ -1,4 +1,4 @@
-"""What pictures and views are made of."""
+"""Grids of scenes, of which pictures and views are made."""
 
 from dataclasses import dataclass
 

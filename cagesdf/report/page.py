@@ -18,13 +18,13 @@ from cagesdf.report.chart import Curve, log_chart
 from cagesdf.report.grid import Grid
 from cagesdf.report.views import write_views
 
-# Of `Category`, as they are shown.
+# Fields of `Category` with pictures, in the page's order.
 GRIDS = ("fitting", "comparison", "sequence", "swaps", "mixes", "generated", "failures")
 
 
 @dataclass(frozen=True, eq=False)
 class Category:
-    """What the page tells of one category."""
+    """The page's pictures and curves of one category."""
 
     name: str
     passed: int  # shapes whose parts were closed as they came
@@ -55,7 +55,7 @@ def write_page(
     views.mkdir()
     addresses = write_views(views, named, processes)
     with ThreadPoolExecutor(processes) as pool:
-        urls = [list(pool.map(_data_url, some)) for some in pictures]
+        urls = [list(pool.map(_data_url, grid_pictures)) for grid_pictures in pictures]
     filled = iter([_filled(*each) for each in zip(grids, urls, addresses)])
     names = [category.name for category in categories]
     environment = Environment(

@@ -103,7 +103,7 @@ def held_out(tables: Tables) -> str:
 
 
 def surfaces(tables: Tables) -> str:
-    """Of source shapes: signed normal consistency, the worst distance, connected components and handles."""
+    """A table of source shapes: signed normal consistency, the worst distance, connected components and handles."""
 
     def cells(figures: Mapping[str, Any]) -> list[str]:
         return [

@@ -1,4 +1,4 @@
-"""What stands in the page's Table 3: figures of generated shapes, and the paper's."""
+"""Contents of the page's Table 3: figures of generated shapes, and the paper's."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -71,13 +71,13 @@ METHODS = {
 }
 
 
-def table(found: Mapping[str, Any] | None, paper: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+def table(category: Mapping[str, Any] | None, paper: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """Rows of one category's Table 3: methods, references, the paper's."""
-    methods = found["methods"] if found else []
+    methods = category["methods"] if category else []
     of_arm = {(entry["arm"], entry["method"]): entry for entry in methods}
     made = [key for arm in in_order({arm for arm, _ in of_arm} - {REAL}) for key in of_arm if key[0] == arm]
     return {
-        "sets": found["sets"] if found else {},
+        "sets": category["sets"] if category else {},
         "arms": _rows([of_arm[key] for key in made]),
         "references": [_row(of_arm[key], key[1], text, {}) for key, text in REFERENCES.items() if key in of_arm],
         "paper": [

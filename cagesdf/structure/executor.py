@@ -1,7 +1,7 @@
 """Executing ShapeAssembly programs: from statements to the leaves' cuboids [Jones et al. 2020].
 
 The arithmetic is written for numbers of any kind that have the operators: with floats it gives
-cuboids, with `jets.Jet` their derivatives too. Vectors are triples, because arrays of three cost
+cuboids, with `dual_numbers.DualNumber` their derivatives too. Vectors are triples, because arrays of three cost
 more than the sums done in them. A cuboid's axes are three unit vectors, its local x, y and z.
 
 Every block is executed in its own frame: its bbox is centred there and has the frame's axes.
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
-from cagesdf.structure.jets import Jet, seed
+from cagesdf.structure.dual_numbers import DualNumber, seed
 from cagesdf.structure.program import (
     AXES,
     BBOX,
@@ -112,7 +112,7 @@ def differentiate(program: AssemblyProgram) -> tuple[Cage, Float[ndarray, "p 15 
     slopes = np.zeros((len(leaves), 15, len(parameters)))
     for i, body in enumerate(leaves.values()):
         for j, number in enumerate(body.numbers()):
-            if isinstance(number, Jet):
+            if isinstance(number, DualNumber):
                 slopes[i, j] = number.slope
     if not np.isfinite(slopes).all():
         raise _degenerate(program)

@@ -31,7 +31,7 @@ from numpy import ndarray
 
 from cagesdf.errors import ProgramError
 
-Number = Any  # a float; a jet while the program is differentiated
+Number = Any  # a float; a dual number while the program is differentiated
 Triple = tuple[Number, Number, Number]
 
 BBOX = "bbox"  # a block's own cuboid, centred in its frame
@@ -194,7 +194,7 @@ class AssemblyProgram:
     def with_parameters(self, parameters: Sequence[Any] | Float[ndarray, " t"]) -> "AssemblyProgram":
         """The same program with other continuous parameters, as `parameters` orders them.
 
-        They may be any numbers that the executor can reckon with, such as jets.
+        They may be any numbers that the executor can reckon with, such as dual numbers.
         Raises ProgramError for a length that isn't positive, ValueError for another number of them.
         """
         numbers = iter(parameters.tolist() if isinstance(parameters, ndarray) else parameters)

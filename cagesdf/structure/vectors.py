@@ -1,8 +1,8 @@
-"""Triples of numbers of any kind that have the operators: floats, or jets."""
+"""Triples of numbers of any kind that have the operators: floats, or dual numbers."""
 
 from typing import Any
 
-Number = Any  # float or Jet
+Number = Any  # float or DualNumber
 Vector = tuple[Number, Number, Number]
 Axes = tuple[Vector, Vector, Vector]
 

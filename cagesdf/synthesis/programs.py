@@ -94,7 +94,7 @@ def assemble(drawing: Drawing, typical: Drawing) -> Assembled:
     return Assembled(AssemblyProgram(tuple(blocks)), placement, tuple(part_ids))
 
 
-# What is the same for all shapes of a family.
+# Plan of a block: the same for all shapes of a family.
 
 
 def plan_block(node: Node) -> tuple[Slot, ...]:
@@ -125,7 +125,7 @@ def plan_block(node: Node) -> tuple[Slot, ...]:
 class _Holder:
     """Finds what a cuboid of a typical drawing can be attached to."""
 
-    own: Cuboid
+    cuboid: Cuboid
     frame: Cuboid  # of the block
     targets: Mapping[int, Cuboid]  # cuboids before it that it touches, and its copies do
     moves: tuple[Move, ...]  # to each of its copies
@@ -133,13 +133,13 @@ class _Holder:
     def upright(self) -> Fixing:
         """A fixing to the cuboid that it overlaps most; else through the bbox's height, or to its nearer face."""
         held = {
-            place: _overlap(self.own, cuboid)
+            place: _overlap(self.cuboid, cuboid)
             for place, cuboid in self.targets.items()
-            if self._reaches(meeting_point(self.own, cuboid), cuboid)
+            if self._reaches(meeting_point(self.cuboid, cuboid), cuboid)
         }
         if held:
             return Touching(max(held, key=lambda place: held[place]))
-        under, over = (lowest(self.own) - lowest(self.frame))[1], (highest(self.frame) - highest(self.own))[1]
+        under, over = (lowest(self.cuboid) - lowest(self.frame))[1], (highest(self.frame) - highest(self.cuboid))[1]
         return Through() if max(under, over) < EXACT else Standing(0.0 if under <= over else 1.0)
 
     def turned(self, axis: int) -> Fixing:
@@ -148,7 +148,7 @@ class _Holder:
         fixings = []
         for u, v in sides:
             ends = [np.insert(np.array([u, v]), axis, end) for end in (0.0, 1.0)]
-            low, high = (self._target(point_in(self.own, end)) for end in ends)
+            low, high = (self._target(point_in(self.cuboid, end)) for end in ends)
             fixings.append(Turned(rounded(ends[0]), rounded(ends[1]), (low, high)))
         return max(fixings, key=lambda fixing: sum(target is not None for target in fixing.targets))
 
@@ -266,7 +266,7 @@ class _Writer:
         targets: dict[int | None, Target] = {None: (BBOX, frame)}
         declared, held, copied = list[Statement](), list[Statement](), list[Statement]()
         for place, (name, slot) in enumerate(zip(self.names(), self.slots)):
-            cuboid = self._own(slot)
+            cuboid = self._cuboid(slot)
             declared.append(Declare(name, lengths(cuboid.size), slot.aligned))
             held += slot.fixing.statements(name, cuboid, targets)
             if slot.copies:
@@ -278,7 +278,7 @@ class _Writer:
     def _child(self, place: int) -> Node:
         return _inner(self.node.children[place])
 
-    def _own(self, slot: Slot) -> Cuboid:
+    def _cuboid(self, slot: Slot) -> Cuboid:
         node = self._child(slot.child)
         named = _box(node).permuted(slot.permutation)
         if not slot.inside:

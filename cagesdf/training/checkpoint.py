@@ -39,7 +39,7 @@ class Checkpoint:
         self._write(self.folder / f"{steps:08d}{SNAPSHOT}", tensors, {})
 
     def kept(self) -> dict[int, dict[str, Tensor]]:
-        """What was put aside, by steps."""
+        """Snapshots, by steps."""
         paths = sorted(self.folder.glob("*" + SNAPSHOT))
         return {int(path.name.removesuffix(SNAPSHOT)): load_file(path) for path in paths}
 
@@ -53,7 +53,10 @@ class Checkpoint:
         os.replace(partial, path)
 
     def load(self) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
-        """What was last saved, on the CPU; None if nothing was. Raises InputError for a file that isn't one of ours."""
+        """The state that was last saved, on the CPU; None if there is none.
+
+        Raises InputError for a file that isn't one of ours.
+        """
         if not self.path.is_file():
             return None
         try:

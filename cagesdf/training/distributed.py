@@ -27,14 +27,14 @@ class Ranks:
 
     @property
     def first(self) -> bool:
-        """Whether it is this process that writes files."""
+        """Whether this process writes files."""
         return self.rank == 0
 
     def share(self, groups: int) -> range:
-        """Which of so many groups are this rank's: a run of them, empty where ranks are more than groups."""
+        """Indices of this rank's groups, of `groups`: a run of them, empty where ranks are more than groups."""
         return range(groups * self.rank // self.size, groups * (self.rank + 1) // self.size)
 
-    def add(self, tensors: Sequence[Tensor]) -> None:
+    def all_reduce(self, tensors: Sequence[Tensor]) -> None:
         """Put the sums over all ranks into `tensors`, the same bits on every rank."""
         if self.size == 1:
             return
@@ -45,15 +45,15 @@ class Ranks:
             tensor.copy_(total.view_as(tensor))
 
     def broadcast(self, thing: Value) -> Value:
-        """What the first rank has for `thing`, tensors on the CPU; those of the others are ignored."""
+        """The first rank's `thing`, its tensors on the CPU; those of the others are ignored."""
         if self.size == 1:
             return thing
         things = [thing]
         dist.broadcast_object_list(things, src=0)
         return things[0]
 
-    def wait(self) -> None:
-        """Until all ranks are here."""
+    def barrier(self) -> None:
+        """Wait until all ranks have called it."""
         if self.size > 1:
             dist.barrier()
 

@@ -69,10 +69,10 @@ def add_gradients(
         loss = cross_entropy(model(points[part]), classes[part], reduction="sum") / len(classes)
         return loss.item(), torch.autograd.grad(loss, parameters)
 
-    found = list(pool.map(of, range(0, len(classes), SLICE)))
+    results = list(pool.map(of, range(0, len(classes), SLICE)))
     for i, parameter in enumerate(parameters):
-        parameter.grad = torch.stack([gradients[i] for _, gradients in found]).sum(0)
-    return sum(loss for loss, _ in found)
+        parameter.grad = torch.stack([gradients[i] for _, gradients in results]).sum(0)
+    return sum(loss for loss, _ in results)
 
 
 def classify(model: PointNet, points: Float[ndarray, "n p 3"]) -> tuple[Float[ndarray, "n f"], Int[ndarray, " n"]]:
@@ -84,8 +84,8 @@ def classify(model: PointNet, points: Float[ndarray, "n p 3"]) -> tuple[Float[nd
             return features, model.head(features).argmax(dim=1)
 
     with _pool() as pool:
-        found = list(pool.map(of, range(0, max(1, len(points)), SLICE)))
-    features, classes = (torch.cat(some) for some in zip(*found, strict=True))
+        slices = list(pool.map(of, range(0, max(1, len(points)), SLICE)))
+    features, classes = (torch.cat(parts) for parts in zip(*slices, strict=True))
     return features.double().numpy(), classes.numpy()
 
 

@@ -36,12 +36,12 @@ class FreeCodes(nn.Module):
         return self.values[cages.latent, : cages.cuboids.shape[1]]
 
     def others(self, rows: Int[Tensor, " s"], step: int) -> Int[Tensor, " s"]:
-        """For each shape another one, by row; each other in turn as steps go on. A single shape has itself."""
+        """For each shape another one, by row: each in turn as steps go on. A single shape has itself."""
         count = len(self.values)
         return (rows + 1 + step % max(count - 1, 1)) % count
 
     def nearest(self, rows: Int[Tensor, " g"], codes: Float[Tensor, "g k"]) -> Float[Tensor, "g k"]:
-        """Of the parts' codes of the shape in each row, the nearest one to a code."""
+        """For each code, the nearest one of all codes of the parts of the shape in that row."""
         apart = torch.cdist(codes.detach()[:, None], self.values[rows])[:, 0].masked_fill(
             ~self.present[rows], torch.inf
         )

@@ -38,7 +38,7 @@ class Gradients:
         threads: int,
     ) -> None:
         self.decoder, self.latents, self.clamp = decoder, latents, clamp
-        self.products = getattr(torch, precision)
+        self.compute_dtype = getattr(torch, precision)
         self.pool, self.threads = pool, threads
         self.parameters = list(decoder.parameters())
 
@@ -60,9 +60,9 @@ class Gradients:
         for first in range(0, len(runs), self.threads):  # no more gradients are held than there are threads
             of = partial(self._of, batch, code.detach(), weight)
             others = [self.pool.submit(of, run) for run in runs[first + 1 : first + self.threads]]
-            for l1, gradients, own in [of(runs[first]), *(other.result() for other in others)]:
+            for l1, gradients, gradient_of_codes in [of(runs[first]), *(other.result() for other in others)]:
                 total += l1
-                to_code.append(own)
+                to_code.append(gradient_of_codes)
                 for parameter, gradient in zip(self.parameters, gradients, strict=True):
                     _add(parameter, gradient)
         code.backward(torch.cat(to_code) if to_code else torch.zeros_like(code))
@@ -85,14 +85,14 @@ class Gradients:
         self, batch: Batch, code: Tensor, weight: float, run: slice
     ) -> tuple[Tensor, tuple[Tensor | None, ...], Tensor]:
         groups = batch.run(run)
-        own, cuboid = code[run].requires_grad_(), groups.cuboid
-        with torch.autocast(cuboid.device.type, torch.bfloat16, enabled=self.products == torch.bfloat16):
-            condition = self.decoder.condition(own, cuboid)
-        predicted = self.decoder.at(self.decoder.features(groups.points, cuboid), condition, self.products)
+        codes, cuboid = code[run].requires_grad_(), groups.cuboid
+        with torch.autocast(cuboid.device.type, torch.bfloat16, enabled=self.compute_dtype == torch.bfloat16):
+            condition = self.decoder.condition(codes, cuboid)
+        predicted = self.decoder.evaluate(self.decoder.features(groups.points, cuboid), condition, self.compute_dtype)
         errors = self.decoder.errors(predicted, groups.sdf, cuboid, self.clamp)
         l1 = shape_mean(errors, groups.weight)
         l1 = l1 * (weight * len(groups.weight) / len(batch.weight))
-        *gradients, to_code = torch.autograd.grad(l1, [*self.parameters, own], allow_unused=True)
+        *gradients, to_code = torch.autograd.grad(l1, [*self.parameters, codes], allow_unused=True)
         return l1.detach(), tuple(gradients), to_code
 
 

@@ -76,15 +76,15 @@ def infer(
     begun = candidates[starts.to(candidates.device)]
 
     def code_loss(codes: Tensor, rows: Tensor) -> Tensor:
-        """Of several codes at once; their sum, so that none of them feels the others."""
+        """Sum of the losses of several codes, so that the gradient of each doesn't depend on the others."""
         errors = [shape.error(of_parts, rows) for of_parts in shape.codes(codes)]
         return torch.stack(errors).sum() + settings.code_weight * codes.square().sum()
 
     ended = _descend(begun, code_loss, count, settings.code_steps, settings.batch, settings.code_rate, generator)
-    found = torch.cat([ended, begun])
-    errors = [shape.mean_error(of_parts) for of_parts in shape.codes(found)]
+    finalists = torch.cat([ended, begun])
+    errors = [shape.mean_error(of_parts) for of_parts in shape.codes(finalists)]
     best = min(range(len(errors)), key=errors.__getitem__)
-    code, code_error = found[best], errors[best]
+    code, code_error = finalists[best], errors[best]
 
     with torch.no_grad():
         (of_parts,) = shape.codes(code[None])
@@ -111,15 +111,15 @@ class OneShape:
     clamp: float  # of distances, in the decoder's unit; 0: none
 
     def codes(self, latents: Float[Tensor, "r d"]) -> Float[Tensor, "r p k"]:
-        """What the decoder makes of the cage's parts with each of these latents."""
+        """Codes of the cage's parts for each of these latents."""
         cages, count = self.groups.cages, len(latents)
         return self.decoder.codes(latents, cages.cuboids.expand(count, -1, -1), cages.present.expand(count, -1))
 
     def errors(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, "g n"]:
         """|sdf error| of these groups with these codes of the parts, in the decoder's unit, clamped as in training."""
-        some = self.groups.take(rows)
-        predicted = self.decoder(some.points, codes[some.part], some.cuboid)
-        return self.decoder.errors(predicted, some.sdf, some.cuboid, self.clamp)
+        batch = self.groups.take(rows)
+        predicted = self.decoder(batch.points, codes[batch.part], batch.cuboid)
+        return self.decoder.errors(predicted, batch.sdf, batch.cuboid, self.clamp)
 
     def error(self, codes: Float[Tensor, "p k"], rows: Tensor) -> Float[Tensor, ""]:
         """Mean of these."""

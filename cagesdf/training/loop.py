@@ -85,8 +85,8 @@ def train(
             optimiser.zero_grad(set_to_none=True)
             batch = batches.at(step)
             mine = ranks.share(len(batch.weight))
-            own = batch.run(slice(mine.start, mine.stop)).to(device)
-            l1 = gradients.add(own, len(mine) / len(batch.weight), free if step < first else None, step)
+            rank_batch = batch.run(slice(mine.start, mine.stop)).to(device)
+            l1 = gradients.add(rank_batch, len(mine) / len(batch.weight), free if step < first else None, step)
             _add_ranks(learnt, l1, ranks)
             penalty = settings.latent_weight * latent_penalty(latents.values)
             penalty.backward()  # after the sum over ranks: each would add it
@@ -114,7 +114,7 @@ def _add_ranks(learnt: Learnt, l1: Tensor, ranks: Ranks) -> None:
             if parameter.grad is None:  # a rank without groups has none
                 parameter.grad = torch.zeros_like(parameter)
             gradients.append(parameter.grad)
-        ranks.add([*gradients, l1])
+        ranks.all_reduce([*gradients, l1])
 
 
 def rate(step: int, settings: TrainSettings) -> float:

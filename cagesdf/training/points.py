@@ -148,8 +148,8 @@ class StreamedPoints(TrainingPoints):
             keep &= (chunks.step == 0)[:, None]
         if self.trains_on == "cage":
             keep &= cuboid_distance(chunks.xyz, Owners.of(chunks, self.sequences).cuboids()) <= self.reach
-        some = np.flatnonzero(keep.any(axis=1))
-        return chunks.take(some), keep[some]
+        rows = np.flatnonzero(keep.any(axis=1))
+        return chunks.take(rows), keep[rows]
 
     def _count(self, chunks: PointChunks, keep: Bool[ndarray, "c n"]) -> None:
         self.chunks.append(len(chunks))
@@ -214,11 +214,11 @@ class StreamedBatches(Batches):
         wanted = dict.fromkeys((piece.epoch, piece.pool) for piece in [*pieces, following])
         self._plans = {epoch: self._plans[epoch] for epoch, _ in wanted}
         self._pools = {key: self._pools.get(key) or self._thread.submit(self._read, *key) for key in wanted}
-        found = []
+        pieces_groups = []
         for piece in pieces:
             groups, order = self._pools[piece.epoch, piece.pool].result()
-            found.append(groups.take(order[piece.start : piece.stop]))
-        return Batch.joined(found)
+            pieces_groups.append(groups.take(order[piece.start : piece.stop]))
+        return Batch.joined(pieces_groups)
 
     def _pieces(self, start: int, stop: int) -> list[Piece]:
         """Where the chunks from `start` to `stop` of the endless row of epochs are."""

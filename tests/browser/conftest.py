@@ -6,8 +6,6 @@ Screenshots are kept in CAGESDF_SCREENSHOTS, or in pytest's temporary folder.
 """
 
 import os
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,39 +13,15 @@ import pytest
 import torch
 from playwright.sync_api import Browser, ViewportSize, sync_playwright
 
-from browser.page import PATIENCE, EditorPage
 from cagesdf.api.sources import imported
 from cagesdf.demo import DEMO
 from cagesdf.inference import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
+from tests.support.chromium import FLAGS, chromium
+from tests.support.page import PATIENCE, EditorPage
 
-FLAGS = (
-    "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
-    "--disable-quic", "--disable-extensions",
-)  # fmt: skip
-NAMES = ("chromium", "chromium-browser", "google-chrome")
 SIZE = ViewportSize(width=1280, height=800)
-
-
-def chromium() -> str:
-    """Where it is; installed if it can be."""
-    for name in (os.environ.get("CAGESDF_CHROMIUM"), *NAMES):
-        if name and (found := shutil.which(name)):
-            return found
-    said = "there is no apt-get"
-    if shutil.which("apt-get"):
-        done = subprocess.run(
-            ["apt-get", "install", "-y", "-qq", "chromium"], capture_output=True, text=True, check=False
-        )
-        said = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "apt-get says nothing"
-        if found := shutil.which("chromium"):
-            return found
-    reason = f"no Chromium, and it can't be installed: {said}"
-    if os.environ.get("CI"):
-        pytest.fail(reason)
-    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,6 @@ import trimesh
 from PIL import Image
 from playwright.sync_api import Dialog
 
-from browser.page import CENTRE, LENGTHS, ROTATION, Camera, EditorPage
 from cagesdf.cli.surfaces import edit, mix
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.demo import DEMO
@@ -28,6 +27,7 @@ from cagesdf.structure.stored import read_structure
 from cagesdf.viewing.picking import along, entries
 from cagesdf.viewing.scene import GIZMO_PIXELS, handle_place
 from cagesdf.viewing.server import Editor
+from tests.support.page import CENTRE, LENGTHS, ROTATION, Camera, EditorPage
 
 pytestmark = pytest.mark.slow
 VISITORS = 6  # at once

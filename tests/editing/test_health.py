@@ -1,0 +1,95 @@
+"""What is said of a surface: whether it is closed, hangs together, and is thick enough for its cells."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.editing.health import FINEST, HELD, STEP, Health
+from cagesdf.editing.state import State
+from cagesdf.extraction import USUAL, Extraction
+from cagesdf.extraction.lattice import Lattice
+from cagesdf.frames import HALF_EXTENT
+from cagesdf.meshes import Mesh, join
+from cagesdf.solid import cage_surface, thickness, union
+from tests.support.attached import box, state_of
+
+
+def found(parts: dict[str, Mesh]) -> Extraction:
+    meshes = [mesh for mesh in parts.values() if len(mesh.faces)]
+    whole = union(meshes)
+    components = len({tuple(mesh.vertices[0]) for mesh in meshes})  # none of them touch
+    return Extraction(whole, parts, 0, 0.0, components, 0, 0.0)
+
+
+def solid(*cuboids: Cuboid) -> Mesh:
+    return join([cage_surface(Cage.of({"": cuboid})) for cuboid in cuboids])
+
+
+def board(thickness: float) -> tuple[State, Extraction]:
+    """A board in the middle of its cuboid, which is 0.5 high."""
+    state = state_of({"board": box((0, 0, 0), (0.6, 0.5, 0.6))})
+    return state, found({"board": solid(box((0, 0, 0), (0.6, thickness, 0.6)))})
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.004, 0.05), st.integers(32, 256))
+def test_a_board_is_as_thick_as_it_is_and_holds_with_the_resolution_that_is_recommended(
+    thickness: float, resolution: int
+) -> None:
+    state, surface = board(thickness)
+    health = Health.of(surface, state, resolution)
+    assert health.thinnest == "board"
+    assert health.thickness == pytest.approx(thickness / (1 + 2 * thickness / 0.6))  # the rims are area, too
+    # In steps of a lattice, which has whole cells and at least 16 along each axis; the rims are area there, too.
+    wide, deep = (max(16, length * resolution / (2 * HALF_EXTENT)) for length in (0.6, 0.5))
+    steps = thickness / 0.5 * deep
+    assert health.cells == pytest.approx(steps / (1 + 2 * steps / wide), rel=0.07)
+    if health.resolution:
+        assert Health.of(surface, state, health.resolution).cells >= HELD
+        assert Health.of(surface, state, health.resolution - STEP).cells < HELD
+    else:
+        assert Health.of(surface, state, FINEST).cells < HELD
+    assert bool(health.warnings()) == (health.cells < HELD)
+    if health.warnings():
+        assert (str(health.resolution) if health.resolution else "thicker") in health.warnings()[0]
+
+
+def test_a_solid_that_fills_its_cuboid_is_never_too_thin() -> None:
+    thin = box((0, 0, 0), (0.6, 0.002, 0.002))
+    assert Health.of(found({"a": solid(thin)}), state_of({"a": thin}), 32).warnings() == ()
+
+
+def test_parts_in_pieces_and_without_a_surface_are_named() -> None:
+    cuboids = {"a": box((0, 0, 0), (0.6, 0.1, 0.1)), "b": box((0, 0.5, 0), (0.6, 0.1, 0.1))}
+    cuboids["c"] = box((0, -0.5, 0), (0.6, 0.1, 0.1))
+    pieces = solid(box((-0.2, 0, 0), (0.1, 0.1, 0.1)), box((0.2, 0, 0), (0.1, 0.1, 0.1)))
+    nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    health = Health.of(found({"a": pieces, "b": nothing, "c": solid(cuboids["c"])}), state_of(cuboids), 128)
+    assert health.torn == ("a", "b")
+    assert "a, b" in health.warnings()[0]
+
+
+def test_more_components_than_groups_of_cuboids_are_warned_of() -> None:
+    cuboids = {"a": box((0, 0, 0), (0.6, 0.1, 0.1)), "b": box((0, 0.1, 0), (0.6, 0.1, 0.1))}
+    surface = found({"a": solid(box((0, 0, 0), (0.5, 0.05, 0.05))), "b": solid(box((0, 0.1, 0), (0.5, 0.05, 0.05)))})
+    health = Health.of(surface, state_of(cuboids), 128)
+    assert (health.components, health.expected, health.closed) == (2, 1, True)
+    assert "2 pieces" in health.warnings()[0]
+    assert str(health).startswith("closed, 2 components, thinnest")
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.01, 0.3), st.floats(0, 90), st.integers(16, 512))
+def test_cells_through_a_part_are_its_thickness_once_the_lattice_s_steps_are_units(
+    thick: float, degrees: float, resolution: int
+) -> None:
+    axes = Rotation.from_rotvec([0.0, np.deg2rad(degrees), 0.0]).as_matrix()
+    cuboid = Cuboid(np.array([0.1, 0.2, 0.0]), axes, np.array([0.6, 0.5, 0.3]))
+    mesh = solid(Cuboid(cuboid.centre, axes, np.array([0.5, 0.4 * thick, 0.2])))
+    steps = Lattice.of(cuboid, 2 * HALF_EXTENT / resolution, USUAL.least).steps
+    expected = thickness(mesh.with_vertices((mesh.vertices - cuboid.centre) @ axes.T / steps))
+    state = state_of({"part": cuboid})
+    assert Health.of(found({"part": mesh}), state, resolution).cells == pytest.approx(expected)
