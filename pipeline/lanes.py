@@ -93,7 +93,7 @@ def words_of(command: str) -> list[str]:
 
 
 def starter(modules: Sequence[str]) -> Any:
-    """A context that starts processes: if possible, forks of one that has imported DVC and the `modules`, with one thread.
+    """A context that starts processes: where it can, forks of one that has imported DVC and `modules`, with one thread.
 
     That takes as long as ten stages are computed; it begins at once, beside what the caller does next.
     """

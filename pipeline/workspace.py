@@ -50,7 +50,11 @@ def make_workspace(folder: Path, settings: Content, graph: Content) -> None:
         _write(kept, settings, "Differences from the project's params.yaml; yours to edit.")
     settings = merged(settings, read_yaml(kept.read_bytes(), str(kept)))
     defaults = read_yaml((ROOT / "params.yaml").read_bytes(), "params.yaml")
-    _write(folder / "params.yaml", merged(defaults, settings), "Made from the project's params.yaml and settings.yaml; edit that one.")
+    _write(
+        folder / "params.yaml",
+        merged(defaults, settings),
+        "Made from the project's params.yaml and settings.yaml; edit that one.",
+    )
     _write(folder / "dvc.yaml", graph, "Made from the project's dvc.yaml.")
     check(folder / "params.yaml")
     if not (folder / ".dvc").is_dir():

@@ -23,7 +23,7 @@ from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 from tests.support import toy
-from tests.support.balls import RESIDUALS, SETTINGS, pair, trained, write_pair
+from tests.support.balls import RESIDUALS, SETTINGS, Balls, pair, trained, write_pair
 from tests.support.commands import Command
 
 ROOT = Path(__file__).parents[2]

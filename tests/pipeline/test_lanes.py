@@ -99,7 +99,9 @@ def test_one_that_fails_is_named_and_nothing_that_needs_it_begins(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_what_is_looked_at_each_time_runs_each_time_and_what_follows_from_it_only_after_a_change(tmp_path: Path) -> None:
+def test_what_always_counts_as_changed_runs_each_time_and_what_follows_only_after_a_change(
+    tmp_path: Path,
+) -> None:
     make(tmp_path, MEET)
     look = {"cmd": "python -c \"open('code', 'w').write(open('source').read())\"", "outs": ["code"]}
     use = {"cmd": "python -c \"open('use', 'a').write('x')\"", "deps": ["code"], "outs": [{"use": {"persist": True}}]}
