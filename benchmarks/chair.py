@@ -6,7 +6,7 @@ import numpy as np
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.frames import canonical_similarity
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 
 ROUND = 8  # exponent of the superellipsoids that the parts are
 PLATE = 2.25  # times the faces of a bar has a plate

@@ -19,7 +19,8 @@ import numpy as np
 import torch
 
 from cagesdf.cuboid import Sequence
-from cagesdf.inference import FitSettings, prepare, usual_settings
+from cagesdf.inference.codes import OneShape, infer
+from cagesdf.inference.shapes import FitSettings, prepare, usual_settings
 from cagesdf.io.points import read_points
 from cagesdf.io.runs import Run
 from cagesdf.io.sequences import read_sequences
@@ -30,7 +31,6 @@ from cagesdf.seeds import item_rng
 from cagesdf.synthesis.writing import read_recipes
 from cagesdf.training.batches import Batch, MemoryBatches, latent_keys, training_chunks, training_set
 from cagesdf.training.checkpoint import Checkpoint
-from cagesdf.training.inference import OneShape, infer
 from cagesdf.training.loop import TrainSettings, train
 from cagesdf.training.precision import processor
 from pipeline import TrainParams, load

@@ -27,8 +27,8 @@ from cagesdf.editing.session import Session
 from cagesdf.editing.state import History, State
 from cagesdf.errors import InputError
 from cagesdf.extraction import PREVIEW, USUAL
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.runs import read_run
-from cagesdf.meshes import is_closed
 from cagesdf.training.precision import processor
 from cagesdf.viewing.worker import COARSE
 

@@ -22,12 +22,12 @@ import numpy as np
 import torch
 
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
 from cagesdf.extraction import METHODS, PREVIEW, USUAL, CageField, Fineness, LiveSurface, extract, field_of, marching
 from cagesdf.extraction.part import part_of
 from cagesdf.frames import HALF_EXTENT
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_normals, sample_surface
 from cagesdf.io.runs import Run, read_run
-from cagesdf.meshes import Mesh, face_normals, sample_surface
 from cagesdf.training.precision import processor
 
 CATEGORIES = ("chair", "table", "vase")

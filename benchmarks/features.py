@@ -24,11 +24,11 @@ import numpy as np
 import torch
 
 from cagesdf.evaluation.clouds import cloud_of, recipe_parts
-from cagesdf.evaluation.generation import feature_figures
+from cagesdf.evaluation.shape_sets import feature_figures
 from cagesdf.frames import canonical_similarity
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import CUBE_FACES
 from cagesdf.io.features import FILE, Features, read_features
-from cagesdf.meshes import Mesh
-from cagesdf.solid import CUBE_FACES
 from cagesdf.synthesis.dataset import CATEGORIES, cage_of, draw, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.training.features import classify

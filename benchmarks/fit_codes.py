@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks import child
-from cagesdf import inference
 from cagesdf.api.sources import IMPORT
-from cagesdf.deformation import Trilinear
+from cagesdf.deformation.sequences import Trilinear
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import score
 from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract, field_of
 from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.importing import import_shape
-from cagesdf.inference import MEASURE, usual_settings
+from cagesdf.inference import shapes as inference
+from cagesdf.inference.shapes import MEASURE, usual_settings
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import read_shapes

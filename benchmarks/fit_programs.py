@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cagesdf.cage_fitting.programs import bound_program, fit_program, fitting_loss, match_axes
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
-from cagesdf.fitting.programs import bound_program, fit_program, fitting_loss, match_axes
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram

@@ -19,7 +19,9 @@ import numpy as np
 import torch
 
 from cagesdf.extraction import LOOSE
-from cagesdf.generating import (
+from cagesdf.io.cage_generators import read_generator
+from cagesdf.io.runs import read_run
+from cagesdf.shape_generation.surfaces import (
     STABILITIES,
     Extracting,
     code_source,
@@ -30,8 +32,6 @@ from cagesdf.generating import (
     methods_of,
     orders,
 )
-from cagesdf.io.generators import read_generator
-from cagesdf.io.runs import read_run
 from cagesdf.training.precision import processor
 
 CATEGORIES, ARMS = ("chair", "table", "vase"), ("cagesdf", "cagesdf_global", "deepsdf")

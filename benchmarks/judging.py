@@ -19,9 +19,9 @@ from numpy import ndarray
 from torch import Tensor
 from torch.nn.functional import batch_norm, linear
 
-from cagesdf.evaluation.generation import feature_figures
+from cagesdf.evaluation.shape_sets import feature_figures
 from cagesdf.io.clouds import read_clouds
-from cagesdf.io.generated import read_generated
+from cagesdf.io.generated_shapes import read_generated
 
 CLASSES = {"chair": 8, "table": 33, "vase": 37}  # ModelNet40's, in alphabetical order
 POINTS = 1024

@@ -34,13 +34,13 @@ from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import box_warp, keep_warp, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import union
 from cagesdf.importing import import_shape
 from cagesdf.io.edits import read_edits
 from cagesdf.io.runs import read_run
 from cagesdf.io.trials import read_trials
-from cagesdf.meshes import Mesh
 from cagesdf.shape import RawShape, Shape
-from cagesdf.solid import union
 from cagesdf.synthesis.dataset import build, cage_of, draw, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 

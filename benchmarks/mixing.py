@@ -36,12 +36,12 @@ from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import kept_parts, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial
 from cagesdf.extraction import Extraction
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import union
 from cagesdf.io.runs import read_run
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.meshes import Mesh
 from cagesdf.rendering import PART_COLOURS, Scene, render_rows, side_by_side
-from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
 

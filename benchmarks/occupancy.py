@@ -19,14 +19,14 @@ import torch
 
 from benchmarks.parts import CELLS, DETAIL, POINTS, trained
 from cagesdf.cuboid import Cage
-from cagesdf.deformation import Trilinear
+from cagesdf.deformation.sequences import Trilinear
 from cagesdf.evaluation.reconstruction import compare
 from cagesdf.evaluation.surfaces import Measured, Truth, directions
 from cagesdf.extraction import METHODS, extract, field_of
 from cagesdf.extraction.promises import count_pieces
+from cagesdf.geometry.meshes import sample_surface
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.meshes import sample_surface
 from cagesdf.seeds import draw, item_rng
 from cagesdf.training.precision import processor
 from pipeline import load

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from cagesdf.deformation import Trilinear
+from cagesdf.deformation.sequences import Trilinear
 from cagesdf.evaluation.reconstruction import score
 from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of

@@ -23,17 +23,17 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, NotSolidError, ShapeRejected
-from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.frames import canonical_similarity
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, join, sample_surface
+from cagesdf.geometry.solid import from_manifold, union
 from cagesdf.io.shapes import read_shapes
-from cagesdf.meshes import Mesh, join, sample_surface
 from cagesdf.parts.components import components
 from cagesdf.parts.finding import find_parts
-from cagesdf.solid import from_manifold, union
 
 WELD, THIN = 1e-5, 1e-4
 POINTS = 40_000

@@ -17,17 +17,17 @@ from statistics import median
 import numpy as np
 import torch
 
+from cagesdf.cage_generation.batching import Batch
+from cagesdf.cage_generation.checks import rebuilding_figures, sample_figures
+from cagesdf.cage_generation.novelty import Known, reach_of
+from cagesdf.cage_generation.program_vae import TERMS, WEIGHTS, ProgramVAE
+from cagesdf.cage_generation.programs import ProgramGenerator
+from cagesdf.cage_generation.tokens import ProgramTokens, tokens_of
+from cagesdf.cage_generation.training import Settings, train_programs
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
 from cagesdf.frames import Similarity
-from cagesdf.generation.batching import Batch
-from cagesdf.generation.checks import rebuilding_figures, sample_figures
-from cagesdf.generation.novelty import Known, reach_of
-from cagesdf.generation.program_vae import TERMS, WEIGHTS, ProgramVAE
-from cagesdf.generation.programs import ProgramGenerator
-from cagesdf.generation.tokens import ProgramTokens, tokens_of
-from cagesdf.generation.training import Settings, train_programs
-from cagesdf.stability import rooted, stable
+from cagesdf.shape_generation.static_stability import rooted, stable
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program
 from cagesdf.structure.program import AssemblyProgram

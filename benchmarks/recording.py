@@ -20,7 +20,7 @@ from cagesdf.api.sources import imported
 from cagesdf.cuboid import Cuboid
 from cagesdf.demo import DEMO
 from cagesdf.editing.parts import part_names
-from cagesdf.inference import usual_settings
+from cagesdf.inference.shapes import usual_settings
 from cagesdf.training.precision import processor
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.scene import handle_place

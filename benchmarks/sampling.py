@@ -21,12 +21,12 @@ from scipy.stats import ks_2samp
 from benchmarks import child
 from benchmarks.chair import chair
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import HALF_EXTENT
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import make_solid, union
 from cagesdf.io.points import CHUNK, PointChunks, write_shard
-from cagesdf.meshes import Mesh
-from cagesdf.sampling import sample_near, sample_points
-from cagesdf.solid import make_solid, union
+from cagesdf.sampling.shapes import sample_near, sample_points
 from cagesdf.training.precision import processor
 
 BETA = 60.0

@@ -19,10 +19,10 @@ import numpy as np
 
 from benchmarks import child
 from benchmarks.chair import chair
-from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import Mesh, join, sample_surface
-from cagesdf.solid import union
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, join, sample_surface
+from cagesdf.geometry.solid import union
 from cagesdf.training.precision import processor
 
 JUDGED = 5000  # points whose truth is found

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cagesdf.generating import STABILITIES
-from cagesdf.stability import rooted
+from cagesdf.shape_generation.static_stability import rooted
+from cagesdf.shape_generation.surfaces import STABILITIES
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import read_program
 from cagesdf.training.precision import processor

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, box_volume, face_components, signed_volume, weld
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, box_volume, face_components, signed_volume, weld
 from cagesdf.shape import Audit, Shape
 
 POINTS = 512  # in all boxes of a shape's parts, equally many in each

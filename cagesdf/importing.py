@@ -9,16 +9,16 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.audit import audit, flags
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError, NotSolidError, ShapeRejected
 from cagesdf.frames import Similarity, canonical_similarity
-from cagesdf.meshes import Mesh, box_volume, join, signed_volume
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, box_volume, join, signed_volume
+from cagesdf.geometry.solid import METHODS, Solid, make_solid, union
 from cagesdf.parts.choosing import doubt
 from cagesdf.parts.components import last_method
 from cagesdf.parts.finding import FoundPart, FoundParts, boxes_volume, find_parts, parts_as_written
 from cagesdf.parts.relating import relations
 from cagesdf.shape import GIVEN, Origin, Part, RawPart, RawShape, Repair, Shape
-from cagesdf.solid import METHODS, Solid, make_solid, union
 from cagesdf.structure.hierarchy import PartHierarchy
 
 STAGE = "import_shapes"

@@ -18,8 +18,8 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
-from cagesdf.meshes import Mesh, face_normals
-from cagesdf.solid import CUBE_FACES
+from cagesdf.geometry.meshes import Mesh, face_normals
+from cagesdf.geometry.solid import CUBE_FACES
 
 CLAY = "#d8c3ab"
 PART_COLOURS = (

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from cagesdf.frames import Similarity
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.structure.base import Structure
 
 

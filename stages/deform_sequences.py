@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import (
+from cagesdf.deformation.matching import Match
+from cagesdf.deformation.sequences import (
     KeptDetails,
     ProgramPath,
     Transfer,
@@ -26,7 +27,6 @@ from cagesdf.io.matches import read_matches
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.sequences import write_sequences, write_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.matching import Match
 from cagesdf.structure.assembly import Assembly
 from pipeline import DeformParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, sequences

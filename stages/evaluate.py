@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from cagesdf.cuboid import Sequence
-from cagesdf.deformation import Transfer
+from cagesdf.deformation.sequences import Transfer
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import as_own, definitions, own_figures, score
 from cagesdf.evaluation.surfaces import Measured, Truth
+from cagesdf.geometry.solid import cage_surface
 from cagesdf.io.meshes import SurfaceFolder, read_surfaces
 from cagesdf.io.scores import write_scores
 from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.seeds import item_rng
-from cagesdf.solid import cage_surface
 from pipeline import EvaluateParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, surfaces
 

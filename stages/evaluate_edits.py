@@ -16,10 +16,10 @@ from cagesdf.evaluation.edits import Row, edit_row, locality, measure, with_gain
 from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import MIXES, Trial
 from cagesdf.extraction import LOOSE, CageField, LiveSurface, field_of
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.trials import TrialFolder, read_trials
-from cagesdf.meshes import Mesh
 from cagesdf.seeds import item_rng
 from pipeline import EditsParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, trials

@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds
-from cagesdf.evaluation.generation import (
+from cagesdf.evaluation.shape_sets import (
     FIGURES,
     Described,
     Draw,
@@ -29,8 +29,8 @@ from cagesdf.evaluation.generation import (
 from cagesdf.evaluation.table3 import REAL
 from cagesdf.io.clouds import read_clouds
 from cagesdf.io.features import FILE, Features, read_accuracy, read_features
-from cagesdf.io.generated import read_generated
-from cagesdf.io.generation import write_generation
+from cagesdf.io.generated_shapes import read_generated
+from cagesdf.io.generation_scores import write_generation
 from cagesdf.seeds import item_rng
 from cagesdf.training.features import classify
 from pipeline import GenerationParams, artefact, parallel_map, run_stage

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from cagesdf.deformation import Transfer
+from cagesdf.deformation.sequences import Transfer
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.metrics import PROGRESS
 from cagesdf.evaluation.reconstruction import definitions, point_figures

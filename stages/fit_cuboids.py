@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cagesdf.cage_fitting.cages import fit_cage
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.fitting.cages import fit_cage
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import ShapeFolder, read_shapes

@@ -11,9 +11,15 @@ from typing import Any
 
 import torch
 
+from cagesdf.cage_generation.generator import Generated, Samples
 from cagesdf.errors import InputError
 from cagesdf.extraction import LOOSE
-from cagesdf.generating import (
+from cagesdf.io.cage_generators import read_generator
+from cagesdf.io.generated_shapes import KIND, GeneratedShape, write_generated
+from cagesdf.io.runs import Run, read_run
+from cagesdf.models.arms import decoder_class
+from cagesdf.seeds import item_rng
+from cagesdf.shape_generation.surfaces import (
     STABILITIES,
     Extracting,
     Order,
@@ -26,12 +32,6 @@ from cagesdf.generating import (
     methods_of,
     orders,
 )
-from cagesdf.generation.generator import Generated, Samples
-from cagesdf.io.generated import KIND, GeneratedShape, write_generated
-from cagesdf.io.generators import read_generator
-from cagesdf.io.runs import Run, read_run
-from cagesdf.models.arms import decoder_class
-from cagesdf.seeds import item_rng
 from pipeline import GenerateParams, artefact, progress, run_stage
 from pipeline.cost import Cost, Sections
 from pipeline.executor import workers

@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import deform_shape
+from cagesdf.deformation.sequences import deform_shape
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import Row, definitions, edit_row, measure, with_gains
 from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.swaps import keep_warp, kept_parts, mix_trials, swap_trials, swaps_of
 from cagesdf.evaluation.trials import Trial, bent_trial, beyond_trials, local_trials, rest_trial
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import union
 from cagesdf.io.edits import write_edits
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.io.trials import write_trials
-from cagesdf.meshes import Mesh
 from cagesdf.seeds import draw, item_rng
 from cagesdf.shape import Shape
-from cagesdf.solid import union
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import read_recipes
 from pipeline import TrialsParams, artefact, parallel_map, run_stage

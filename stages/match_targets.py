@@ -5,12 +5,12 @@ python -m stages.match_targets data/shapes/chair data/cuboids/chair data/matches
 
 from pathlib import Path
 
+from cagesdf.deformation.matching import group_by_structure, match_to_one_of, match_to_scaled
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.io.cuboids import read_cages
 from cagesdf.io.matches import write_matches
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import read_shapes
-from cagesdf.matching import group_by_structure, match_to_one_of, match_to_scaled
 from cagesdf.seeds import item_rng
 from pipeline import MatchParams, artefact, progress, run_stage
 from pipeline.cost import Cost, sequences

@@ -10,7 +10,7 @@ from cagesdf.errors import InputError
 from cagesdf.evaluation.table3 import gather_generation
 from cagesdf.evaluation.tables import gather_edits, gather_progress, gather_tables
 from cagesdf.io.edits import read_edits
-from cagesdf.io.generation import read_generation
+from cagesdf.io.generation_scores import read_generation
 from cagesdf.io.progress import read_progress
 from cagesdf.io.scores import read_scores
 from cagesdf.io.trials import read_trials

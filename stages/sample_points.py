@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from cagesdf.cuboid import Sequence
-from cagesdf.deformation import Transfer, solids_in_cuboids
-from cagesdf.distance import SurfaceDistance
+from cagesdf.deformation.sequences import Transfer, solids_in_cuboids
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import HALF_EXTENT
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.solid import union
 from cagesdf.io.points import PointChunks, PointsOf, join_chunks, shard_path, write_shard
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.point_chunks import PointCounts, part_chunks, shape_chunks
+from cagesdf.sampling.chunks import PointCounts, part_chunks, shape_chunks
 from cagesdf.seeds import item_rng
-from cagesdf.solid import union
 from pipeline import SampleParams, artefact, parallel_groups, run_stage
 from pipeline.cost import Cost, Counts
 

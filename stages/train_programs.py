@@ -8,16 +8,16 @@ from pathlib import Path
 
 import torch
 
+from cagesdf.cage_generation.checks import Figures, rebuilding_figures, sample_figures
+from cagesdf.cage_generation.novelty import reach_of
+from cagesdf.cage_generation.programs import ProgramGenerator
+from cagesdf.cage_generation.proportions import ProportionGenerator, families
+from cagesdf.cage_generation.tokens import ProgramTokens, tokens_of
+from cagesdf.cage_generation.training import Settings, train_programs
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError, ProgramError, ShapeRejected
-from cagesdf.generation.checks import Figures, rebuilding_figures, sample_figures
-from cagesdf.generation.novelty import reach_of
-from cagesdf.generation.programs import ProgramGenerator
-from cagesdf.generation.proportions import ProportionGenerator, families
-from cagesdf.generation.tokens import ProgramTokens, tokens_of
-from cagesdf.generation.training import Settings, train_programs
+from cagesdf.io.cage_generators import KIND, TrainedGenerator, write_generator
 from cagesdf.io.cuboids import read_assemblies, read_cages
-from cagesdf.io.generators import KIND, TrainedGenerator, write_generator
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import read_shapes
 from cagesdf.seeds import item_rng

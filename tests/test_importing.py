@@ -10,8 +10,8 @@ from cagesdf.cuboid import Cuboid
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.frames import UP_AXES
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.importing import import_shape, summary, verdict
-from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from cagesdf.structure.relations import Adjacency, Reflection, Rotation, Translation
@@ -149,7 +149,7 @@ def test_missing_system_libraries_are_never_a_rejection(monkeypatch: pytest.Monk
     def missing(*arguments: object) -> None:
         raise InputError("apt-get install something")
 
-    monkeypatch.setattr("cagesdf.solid.alpha_wrap", missing)
+    monkeypatch.setattr("cagesdf.geometry.solid.alpha_wrap", missing)
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]])
     bent = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     with pytest.raises(InputError, match="apt-get"):

@@ -5,9 +5,9 @@ import pytest
 
 from cagesdf import rendering
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import CUBE_FACES, cage_surface
 from cagesdf.rendering import CAMERA, CLAY, Scene, View, draw_with_matplotlib, render_rows, side_by_side
-from cagesdf.solid import CUBE_FACES, cage_surface
 
 SIZE = 64
 

@@ -8,7 +8,7 @@ from html import escape
 from PIL import Image
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.rendering import CLAY, PART_COLOURS, Scene, render_rows, side_by_side
 
 PREVIEW = 64  # cells of the surface in a picture

@@ -11,19 +11,19 @@ from typing import Literal
 
 import torch
 
-from cagesdf import inference
 from cagesdf.api.display import run_html
 from cagesdf.api.shapes import EditableShape, FittedShape
 from cagesdf.api.sources import Source, imported
+from cagesdf.cage_generation.generator import Generated, Generator
 from cagesdf.demo import DEMO
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
-from cagesdf.generating import CageDraws, CodeSource, Order, code_source, has_cuboids, of_program, orders
-from cagesdf.generation.generator import Generated, Generator
-from cagesdf.io.generators import GENERATOR, read_generator
+from cagesdf.inference import shapes as inference
+from cagesdf.io.cage_generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import beside, read_run
 from cagesdf.seeds import item_rng
+from cagesdf.shape_generation.surfaces import CageDraws, CodeSource, Order, code_source, has_cuboids, of_program, orders
 from cagesdf.structure.parsing import read_program
 
 MOST = 100_000  # new shapes

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from cagesdf import inference
 from cagesdf.api.display import PREVIEW, shape_html
 from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
 from cagesdf.editing.document import Document
@@ -46,9 +45,10 @@ from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
+from cagesdf.inference import shapes as inference
 from cagesdf.io.exports import Model, check_name, write_model
 from cagesdf.io.files import check_folder, replacing
-from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
 

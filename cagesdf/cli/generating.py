@@ -15,9 +15,9 @@ from cagesdf.io.files import check_folder, new_folder
 
 if TYPE_CHECKING:
     from cagesdf.cuboid import Cage
-    from cagesdf.generating import Order
-    from cagesdf.io.generated import GeneratedShape
+    from cagesdf.io.generated_shapes import GeneratedShape
     from cagesdf.io.runs import Run
+    from cagesdf.shape_generation.surfaces import Order
 
 POINTS = 2048  # that a surface is sampled with before it is written
 COLUMNS = 8  # pictures in a row of the sheet
@@ -82,7 +82,7 @@ def generate(
 
     from cagesdf.api.runs import load_run
     from cagesdf.api.shapes import check_resolution
-    from cagesdf.generating import STABILITIES, counts, in_order
+    from cagesdf.shape_generation.surfaces import STABILITIES, counts, in_order
 
     check_resolution(resolution)
     torch.set_num_threads(1)  # for each of the pool's
@@ -112,8 +112,8 @@ def _maker(
 ) -> "Callable[[Order], GeneratedShape]":
     """What makes a shape of an order, with random numbers of its own."""
     from cagesdf.extraction import LOOSE
-    from cagesdf.generating import Extracting, make_shape
     from cagesdf.seeds import item_rng
+    from cagesdf.shape_generation.surfaces import Extracting, make_shape
 
     how = Extracting(resolution, LOOSE["keep"], POINTS, stability)
 
@@ -168,9 +168,9 @@ def _model(shape: "GeneratedShape") -> Any:
     from cagesdf.cuboid import CORNER_ORDER
     from cagesdf.editing.session import as_given
     from cagesdf.frames import Similarity
+    from cagesdf.geometry.meshes import Mesh
+    from cagesdf.geometry.solid import CUBE_FACES
     from cagesdf.io.exports import Model
-    from cagesdf.meshes import Mesh
-    from cagesdf.solid import CUBE_FACES
 
     if shape.structure is not None:
         return as_given(shape.mesh, shape.parts, shape.cage, shape.structure, Similarity(1.0, np.eye(3), np.zeros(3)))

@@ -133,9 +133,9 @@ def _manifest(folder: Path) -> dict[str, Any]:
 
 def _mesh(path: Path) -> str:
     """What can be said of one mesh."""
+    from cagesdf.geometry.meshes import is_closed, signed_volume
     from cagesdf.io.meshes import read_ply
     from cagesdf.io.summary import aligned, indented
-    from cagesdf.meshes import is_closed, signed_volume
 
     mesh = read_ply(path)
     if len(mesh.faces) == 0:

@@ -30,8 +30,8 @@ def execute_programs(*paths: Path, out: Path | None = None, mesh: Path | None = 
     """
     from cagesdf.editing.parts import distinct_labels
     from cagesdf.formats.shapeassembly import list_programs
+    from cagesdf.geometry.solid import CUBE_FACES
     from cagesdf.io.exports import obj
-    from cagesdf.solid import CUBE_FACES
     from cagesdf.structure.executor import execute
     from cagesdf.structure.parsing import read_program
 

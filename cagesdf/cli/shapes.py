@@ -63,17 +63,17 @@ def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
     import numpy as np
 
     from cagesdf.api.sources import IMPORT
+    from cagesdf.cage_fitting.boxes import fit_cuboid
     from cagesdf.cuboid import Cage
     from cagesdf.errors import NotSolidError, ShapeRejected
-    from cagesdf.fitting.boxes import fit_cuboid
     from cagesdf.formats.listing import find_shape, read_shape
     from cagesdf.frames import canonical_similarity
+    from cagesdf.geometry.meshes import Mesh, join
+    from cagesdf.geometry.solid import CUBE_FACES, union
     from cagesdf.io.exports import Model, write_model
-    from cagesdf.meshes import Mesh, join
     from cagesdf.parts.cutting import MIN_SIZE, SLACK
     from cagesdf.parts.finding import as_written, find_parts
     from cagesdf.parts.written import SUFFIX, written_json
-    from cagesdf.solid import CUBE_FACES, union
 
     if out.exists():
         raise InputError(f"{out}: is there already; name a new folder")

@@ -195,8 +195,8 @@ class _Work:
     def write(self, shape: "EditableShape", as_json: bool) -> None:
         """Extract a shape's surface, check it, write it and print the line."""
         from cagesdf.editing.health import Health
+        from cagesdf.geometry.meshes import signed_volume
         from cagesdf.io.exports import write_boxes, write_model
-        from cagesdf.meshes import signed_volume
 
         cells = f"{len(shape.cage)} parts with {self.resolution} cells"
         with self.timed("extract", f"asking the network for a surface of {cells}"):

@@ -48,7 +48,7 @@ def view(
     import torch
 
     from cagesdf.api.sources import imported
-    from cagesdf.inference import usual_settings
+    from cagesdf.inference.shapes import usual_settings
     from cagesdf.viewing.opening import named, opened
     from cagesdf.viewing.server import free_port, serving
 

@@ -14,7 +14,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.matching import CONTACT, gaps, touching
+from cagesdf.deformation.matching import CONTACT, gaps, touching
 
 LEAST = 1e-3  # canonical: no part that follows gets shorter
 PLAY = 1e-6  # canonical: a contact that opens, or a part that is pushed into another, by no more is as it was

@@ -9,15 +9,15 @@ from numpy import ndarray
 from scipy.sparse.csgraph import connected_components
 
 from cagesdf.cuboid import Cuboid
+from cagesdf.deformation.matching import touching
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.state import State
 from cagesdf.extraction import CUBE, USUAL, Extraction, Fineness
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.promises import count_pieces
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.matching import touching
-from cagesdf.meshes import Mesh, face_normals, is_closed, signed_volume
-from cagesdf.solid import thickness
+from cagesdf.geometry.meshes import Mesh, face_normals, is_closed, signed_volume
+from cagesdf.geometry.solid import thickness
 
 HELD = 2.0  # cells that a part must be thick
 FINEST = 512  # cells: no finer resolution is recommended

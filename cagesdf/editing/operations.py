@@ -8,7 +8,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.deformation import scaled_cage
+from cagesdf.deformation.sequences import scaled_cage
 from cagesdf.editing.attachments import attached
 from cagesdf.editing.links import Change, alike, followed, linked, locked
 from cagesdf.editing.members import added, deleted, duplicated, split

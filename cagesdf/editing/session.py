@@ -28,11 +28,11 @@ from cagesdf.extraction import (
     field_of,
 )
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import CUBE_FACES
 from cagesdf.io.exports import Model
 from cagesdf.io.runs import Run
-from cagesdf.meshes import Mesh
 from cagesdf.models.codes import part_codes
-from cagesdf.solid import CUBE_FACES
 from cagesdf.structure.base import Structure
 
 

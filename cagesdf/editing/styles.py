@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray
 
+from cagesdf.deformation.matching import correspond, relative_centres
 from cagesdf.editing.parts import select
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
-from cagesdf.matching import correspond, relative_centres
 
 
 @dataclass(frozen=True, eq=False)

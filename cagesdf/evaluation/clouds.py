@@ -8,8 +8,8 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.frames import canonical_similarity
-from cagesdf.meshes import Mesh, sample_surface
-from cagesdf.solid import union
+from cagesdf.geometry.meshes import Mesh, sample_surface
+from cagesdf.geometry.solid import union
 from cagesdf.synthesis.dataset import build
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.synthesis.writing import OBJ_DIGITS

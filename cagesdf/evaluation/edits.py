@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
+from cagesdf.deformation.matching import touching
 from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import STYLED, Trial
-from cagesdf.matching import touching
-from cagesdf.meshes import Mesh, sample_surface
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, sample_surface
 
 VERSION = 2  # of the definitions; raised when one changes
 NAN = float("nan")

@@ -10,11 +10,11 @@ from numpy import ndarray
 from scipy.spatial import cKDTree
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import Transfer
-from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, face_normals, is_closed, sample_surface, topology
+from cagesdf.deformation.sequences import Transfer
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_normals, is_closed, sample_surface, topology
+from cagesdf.geometry.solid import as_manifold, cage_surface, union
 from cagesdf.shape import Shape
-from cagesdf.solid import as_manifold, cage_surface, union
 
 
 class Measured:

@@ -14,10 +14,10 @@ from jaxtyping import Bool
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import aligned_cage, deform_shape, keep_details
-from cagesdf.distance import SurfaceDistance
+from cagesdf.deformation.sequences import aligned_cage, deform_shape, keep_details
 from cagesdf.evaluation.trials import MIXES, Trial, trial_of
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.shape import Shape
 from cagesdf.synthesis.dataset import cage_of, fill_cuboids
 from cagesdf.synthesis.layout import Style

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cagesdf.errors import InputError
-from cagesdf.evaluation.generation import FIGURES
+from cagesdf.evaluation.shape_sets import FIGURES
 
 REAL = "real"  # in place of an arm: shapes that no network made
 REFERENCES = {

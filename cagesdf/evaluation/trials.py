@@ -8,11 +8,11 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import SMALLEST, deform_shape, interpolated_cage
-from cagesdf.matching import touching
-from cagesdf.meshes import Mesh
+from cagesdf.deformation.matching import touching
+from cagesdf.deformation.sequences import SMALLEST, deform_shape, interpolated_cage
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import union
 from cagesdf.shape import Shape
-from cagesdf.solid import union
 
 SWAPS = ("swap", "warp")  # kinds with another shape's style, by truth: the recipe's, the box-warp's
 # Kinds with another shape's style in some parts. The third has the recipe's truth, too, and details keep their size.

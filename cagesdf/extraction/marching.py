@@ -9,7 +9,7 @@ from numpy import ndarray
 from skimage.measure import marching_cubes
 
 from cagesdf.extraction.lattice import Lattice
-from cagesdf.meshes import Mesh, vertex_normals
+from cagesdf.geometry.meshes import Mesh, vertex_normals
 
 # A vertex is no nearer to a lattice point than this, in steps: at a value of 0 faces would have no area.
 NUDGE = 1e-3

@@ -12,9 +12,9 @@ from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import drawn, march
 from cagesdf.extraction.merging import merged
-from cagesdf.meshes import Mesh
-from cagesdf.resizing import keeping_warp, vulnerability
-from cagesdf.solid import as_manifold, from_manifold
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.resizing import keeping_warp, vulnerability
+from cagesdf.geometry.solid import as_manifold, from_manifold
 
 # A vertex on a face counts as clipped where the network's surface would go beyond it by more, in cells, or where the
 # value is below -reach / 2.

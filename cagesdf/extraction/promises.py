@@ -7,10 +7,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh, compact, edge_keys, join, signed_volume
-from cagesdf.solid import as_manifold, cage_surface, from_manifold, union
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, compact, edge_keys, join, signed_volume
+from cagesdf.geometry.solid import as_manifold, cage_surface, from_manifold, union
 
 OVERSHOOT = 1e-3  # largest distance by which a surface may leave its cuboids, in cells
 TWIN = 1e-3  # a cuboid's mirror image is another one if its corners are no further from that one's, canonical units

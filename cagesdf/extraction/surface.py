@@ -13,8 +13,8 @@ from cagesdf.extraction.marching import NOTHING
 from cagesdf.extraction.part import USUAL, Fineness, Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import Mesh
-from cagesdf.solid import from_manifold
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import from_manifold
 
 Loose = Callable[[Mesh], Mesh]  # from a mesh to what of it is kept; one of LOOSE
 Symmetry = Callable[[Mesh, Meshes, Cage], tuple[Mesh, Meshes]]  # one of SYMMETRIES

@@ -21,7 +21,7 @@ from cagesdf.formats.gltf_json import FAN, FOREIGN, MAX_ENTRIES, STRIP, TRIANGLE
 from cagesdf.formats.gltf_numbers import Numbers
 from cagesdf.formats.naming import distinct_names
 from cagesdf.formats.polygons import MAX_COORDINATE
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 
 SUFFIXES = (".glb", ".gltf")
 MAX_CORNERS = 15_000_000  # of triangles that a scene places, and vertices of the accessors that it uses

@@ -25,15 +25,15 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats import sh3f, shapeassembly, structurenet
+from cagesdf.formats.alignment import Candidate
 from cagesdf.formats.naming import ambiguity
 from cagesdf.formats.partnet import MESH_FOLDERS, TREE, read_candidates, read_partnet
 from cagesdf.formats.parts_folder import MESH_SUFFIXES, part_files, read_parts_file, read_parts_folder
 from cagesdf.formats.shapeassembly import read_assembly
 from cagesdf.formats.splits import TRAIN, VAL, composed, several, splits
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.parts.written import SUFFIX, read_written
 from cagesdf.shape import RawShape
 

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from cagesdf.errors import InputError
 from cagesdf.formats.content import MAX_PARTS, names_of, numbers, plain_text, quoted, read_bounded, whole_numbers
 from cagesdf.formats.polygons import Polygons, triangulated
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 
 # Statements that stand for surfaces: ignoring them would lose these silently.
 UNREAD = {

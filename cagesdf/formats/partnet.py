@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cagesdf.alignment import Candidate
 from cagesdf.errors import InputError
+from cagesdf.formats.alignment import Candidate
 from cagesdf.formats.obj import read_obj
 from cagesdf.formats.structurenet import read_hierarchy, read_json
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import MAX_DEPTH, MAX_NODES, Node, PartHierarchy
 

@@ -19,7 +19,7 @@ from cagesdf.formats.naming import UNNAMED, ambiguity, distinct_names, part_name
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.formats.ply import read_ply
 from cagesdf.formats.stl import read_stl
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 

@@ -21,7 +21,7 @@ from numpy import ndarray
 from cagesdf.errors import InputError
 from cagesdf.formats.content import numbers, plain_text, quoted, read_bounded, whole_numbers
 from cagesdf.formats.polygons import Polygons, triangulated
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.text import encoding_of
 
 MAX_HEADER = 65_536  # bytes

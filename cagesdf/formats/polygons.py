@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh, compact, face_areas
+from cagesdf.geometry.meshes import Mesh, compact, face_areas
 
 MAX_CORNERS = 10_000  # of a polygon that isn't convex: its triangulation takes time with their square
 MAX_COORDINATE = 1e100  # beyond it, squares and products leave the range of float64

@@ -25,7 +25,7 @@ from cagesdf.formats.content import MAX_BYTES, numbers, quoted
 from cagesdf.formats.naming import distinct_names, part_name
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.formats.parts_folder import flat_shape
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.shape import RawShape
 
 CATALOGUE = "PluginFurnitureCatalog.properties"

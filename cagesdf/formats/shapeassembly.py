@@ -4,10 +4,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from cagesdf.alignment import Candidate, align
 from cagesdf.errors import InputError
+from cagesdf.formats.alignment import Candidate, align
 from cagesdf.formats.splits import MAX_BYTES, TRAIN, VAL
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import read_program

@@ -13,7 +13,7 @@ from numpy import ndarray
 from cagesdf.errors import InputError
 from cagesdf.formats.content import MAX_PARTS, names_of, numbers, plain_text, quoted, read_bounded
 from cagesdf.formats.polygons import Polygons, triangulated
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.text import encoding_of
 
 HEADER = 80  # bytes before a binary file's number of triangles

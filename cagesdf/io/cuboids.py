@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.cuboid import Cage
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.metadata import Column, Layout
 from cagesdf.structure.assembly import Assembly
 

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cagesdf.errors import InputError
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.metadata import COMPRESSION, Column, Layout, read_block
-from cagesdf.meshes import Mesh
 
 KIND = "edits"
 PERCENT = "% of the longest side of the true bounding box"

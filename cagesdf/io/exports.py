@@ -25,8 +25,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from cagesdf.errors import InputError
+from cagesdf.geometry.meshes import Mesh, compact, face_normals, join
 from cagesdf.io.meshes import write_ply
-from cagesdf.meshes import Mesh, compact, face_normals, join
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 # glTF's numbers of component types and of buffer targets.

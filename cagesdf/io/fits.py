@@ -15,8 +15,8 @@ from jaxtyping import Float
 from safetensors.torch import save
 from torch import Tensor
 
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.errors import InputError
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.exports import Model, write_model
 from cagesdf.io.weights import read_header, read_tensors

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from cagesdf.deformation.matching import Match
 from cagesdf.io.metadata import Column, Layout
-from cagesdf.matching import Match
 
 KIND = "matches"
 MATCHES = Layout(

@@ -16,8 +16,8 @@ import pyarrow as pa
 
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh, is_closed
 from cagesdf.io.metadata import Column, Layout
-from cagesdf.meshes import Mesh, is_closed
 
 KIND = "meshes"
 INDEX = Layout(

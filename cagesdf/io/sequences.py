@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import KeptDetails, Transfer, Trilinear
+from cagesdf.deformation.sequences import KeptDetails, Transfer, Trilinear
+from cagesdf.geometry.resizing import AxisWarp
 from cagesdf.io.metadata import Column, Layout
-from cagesdf.resizing import AxisWarp
 
 KIND = "sequences"
 SEQUENCES = Layout(

@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.metadata import COMPRESSION, Column, Layout, check_kind
-from cagesdf.meshes import Mesh
 from cagesdf.shape import GIVEN, AlignedPart, Audit, Origin, Part, Repair, Shape
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure

@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
 from cagesdf.evaluation.trials import Trial
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.metadata import COMPRESSION, Column, Layout, read_block
-from cagesdf.meshes import Mesh
 
 KIND = "trials"
 NAMES = ("trial_id", "kind", "shape_id", "style_of", "part_id")

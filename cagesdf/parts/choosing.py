@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Int
 from numpy import ndarray
 
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 
 LOOSE = 2.0  # times the found parts' cuboids' volume: groups whose cuboids have more are no parts
 SEAMS = 0.01  # share of the edges: groups with more open edges in common are materials

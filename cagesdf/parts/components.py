@@ -12,8 +12,8 @@ from jaxtyping import Int
 from numpy import ndarray
 
 from cagesdf.errors import NotSolidError
-from cagesdf.meshes import Mesh, compact, face_areas, face_components, is_closed, join, weld
-from cagesdf.solid import METHODS, Solid, as_manifold, make_solid, pieces
+from cagesdf.geometry.meshes import Mesh, compact, face_areas, face_components, is_closed, join, weld
+from cagesdf.geometry.solid import METHODS, Solid, as_manifold, make_solid, pieces
 
 MAX_COMPONENTS = 400  # made solid one by one, the largest first; the rest together
 HIDDEN = 1e-3  # share of a component's volume that may lie outside another that hides it

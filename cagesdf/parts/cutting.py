@@ -17,10 +17,10 @@ from numpy import ndarray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from cagesdf.distance import SurfaceDistance
-from cagesdf.fitting.boxes import fit_cuboid
-from cagesdf.meshes import Mesh, face_areas, face_normals
-from cagesdf.solid import from_manifold
+from cagesdf.cage_fitting.boxes import fit_cuboid
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_areas, face_normals
+from cagesdf.geometry.solid import from_manifold
 
 SLACK, MIN_SIZE = 0.01, 1e-3  # of cuboids, as `fit_cuboid` has them; fit_cuboids' defaults
 FILLED = 0.7  # share of its cuboid: a solid that fills more is not cut

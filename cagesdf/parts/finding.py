@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.distance import SurfaceDistance
+from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.errors import InputError
-from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.frames import Similarity
-from cagesdf.meshes import Mesh, face_areas, face_normals
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_areas, face_normals
+from cagesdf.geometry.solid import from_manifold
 from cagesdf.parts.components import Component, components
 from cagesdf.parts.cutting import MIN_SIZE, SLACK, Fragment, Plane, fragments
 from cagesdf.parts.merging import merged
 from cagesdf.shape import WrittenPart, WrittenParts, WrittenPiece
-from cagesdf.solid import from_manifold
 
 PRICE = 0.02  # of one more cuboid, in volumes of the shape
 THIN = 0.2  # share of its cuboid that a shape's volume counts as at least: thin shells aren't worth more cuboids

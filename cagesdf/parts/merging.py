@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.fitting.boxes import fit_cuboid
-from cagesdf.matching import CONTACT, gaps
+from cagesdf.deformation.matching import CONTACT, gaps
 from cagesdf.parts.cutting import MIN_SIZE, SLACK, Fragment, hull_points
 
 SMALL = 0.05  # share of the other's cuboid: a component that may be merged

@@ -20,10 +20,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation as Turn
 
-from cagesdf.distance import SurfaceDistance
-from cagesdf.matching import CONTACT
-from cagesdf.meshes import Mesh
-from cagesdf.solid import as_manifold
+from cagesdf.deformation.matching import CONTACT
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import as_manifold
 from cagesdf.structure.relations import Adjacency, Reflection, Relation, Rotation, Translation, Vector
 
 NEAR = 0.02  # of a part's extent: how far from its image the other may be

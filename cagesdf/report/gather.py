@@ -8,7 +8,8 @@ import numpy as np
 
 from cagesdf.cuboid import Cage
 from cagesdf.cuboid import Sequence as Deformation
-from cagesdf.deformation import Transfer
+from cagesdf.deformation.sequences import Transfer
+from cagesdf.geometry.meshes import join
 from cagesdf.io.cuboids import read_bounding, read_cages
 from cagesdf.io.edits import read_edit_surface, read_edits
 from cagesdf.io.logs import read_losses
@@ -17,10 +18,9 @@ from cagesdf.io.rejected import read_rejected
 from cagesdf.io.sequences import read_sequences, read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.io.trials import TrialFolder, read_trials
-from cagesdf.meshes import join
 from cagesdf.rendering import CLAY, PART_COLOURS, Scene
 from cagesdf.report.figures import in_order
-from cagesdf.report.generation import failures, opened, strip
+from cagesdf.report.generated_shapes import failures, opened, strip
 from cagesdf.report.grid import Grid
 from cagesdf.report.page import Category
 from cagesdf.report.selection import spread

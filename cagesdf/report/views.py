@@ -15,10 +15,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
-from cagesdf.meshes import Mesh, is_closed
+from cagesdf.geometry.meshes import Mesh, is_closed
+from cagesdf.geometry.solid import CUBE_FACES, as_manifold, from_manifold
 from cagesdf.rendering import EDGES, Scene, rgb
 from cagesdf.report.grid import Grid
-from cagesdf.solid import CUBE_FACES, as_manifold, from_manifold
 
 APART = (2.4, 3.6)  # canonical: between the middles of columns, and of rows
 TOLERANCE = 2e-3  # canonical: views' surfaces are simplified by this at most

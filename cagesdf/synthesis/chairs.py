@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from cagesdf.cuboid import Cuboid
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.synthesis import members, slabs
 from cagesdf.synthesis.layout import Draft, Style, Surface, around, bar, box, four, group, one, pair, row, strut
 from cagesdf.synthesis.programs import assemble

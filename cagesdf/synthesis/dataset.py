@@ -6,7 +6,7 @@ import numpy as np
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.shape import RawPart
 from cagesdf.synthesis.chairs import CHAIRS
 from cagesdf.synthesis.layout import Drawing, Style, finish

@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from cagesdf.structure.relations import Adjacency, Reflection, Relation, Rotation, Translation
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.synthesis.surfaces import (
     Vector,
     capped,

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.meshes import Mesh, signed_volume
-from cagesdf.solid import as_manifold, from_manifold
+from cagesdf.geometry.meshes import Mesh, signed_volume
+from cagesdf.geometry.solid import as_manifold, from_manifold
 
 EDGE = 0.05  # longest edge after booleans, so that a trilinear map bends the mesh
 

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from numpy import ndarray
 
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.synthesis import members, slabs, vessels
 from cagesdf.synthesis.chairs import FORWARD, JOINT, column, disc, leg, rail, sunk, wire
 from cagesdf.synthesis.layout import Draft, Style, around, bar, box, four, group, one, pair, row, strut

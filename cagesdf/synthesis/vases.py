@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray
 
 from cagesdf.cuboid import Cuboid
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.synthesis import members, vessels
 from cagesdf.synthesis.layout import Draft, Style, around, box, group, one, pair, strut
 from cagesdf.synthesis.recipe import Category, Family, Proportions

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.structure.hierarchy import Node
 from cagesdf.synthesis.dataset import assemble, build, draw
 from cagesdf.synthesis.recipe import Recipe

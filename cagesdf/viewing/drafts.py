@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from cagesdf.editing.document import Document
 from cagesdf.editing.script import Script, dump
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 
 DAY = 86_400.0  # seconds
 MOST = 20  # drafts of one browser

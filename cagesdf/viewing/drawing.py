@@ -11,7 +11,7 @@ from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.extraction import PREVIEW
-from cagesdf.generating import CodeSource
+from cagesdf.shape_generation.surfaces import CodeSource
 from cagesdf.viewing.jobs import Progress
 from cagesdf.viewing.worker import COARSE
 

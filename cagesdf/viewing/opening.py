@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from cagesdf.cage_generation.generator import Generator
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.generating import CodeSource, code_source, has_cuboids
-from cagesdf.generation.generator import Generator
-from cagesdf.inference import FitSettings, Known, fit_code, prepare
-from cagesdf.io.generators import GENERATOR, read_generator
+from cagesdf.geometry.meshes import Mesh, join
+from cagesdf.inference.shapes import FitSettings, Known, fit_code, prepare
+from cagesdf.io.cage_generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import Run, beside, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
-from cagesdf.meshes import Mesh, join
 from cagesdf.shape import Shape
+from cagesdf.shape_generation.surfaces import CodeSource, code_source, has_cuboids
 from cagesdf.viewing.jobs import Progress
 from cagesdf.viewing.styles import StyleSpace
 from cagesdf.viewing.tab import Opened, Taken, Truths

@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.meshes import Mesh, compact
+from cagesdf.geometry.meshes import Mesh, compact
 from cagesdf.rendering import CLAY, EDGES, rgb
 from cagesdf.viewing.colours import AXES, SELECTED, Colour
 from cagesdf.viewing.framing import VIEWS, camera_for, world_per_pixel

@@ -7,7 +7,7 @@ from cagesdf.editing.document import Document
 from cagesdf.editing.parts import free_name
 from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.viewing.drafts import Draft, Entry
 
 

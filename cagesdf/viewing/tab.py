@@ -19,8 +19,8 @@ from jaxtyping import Float, Float32
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cage_generation.generator import Generated, Generator
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
 from cagesdf.editing.operations import SMALLEST
@@ -49,9 +49,9 @@ from cagesdf.editing.styles import ranked
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction
 from cagesdf.frames import Similarity
-from cagesdf.generating import CodeSource, draw_cages, of_program
-from cagesdf.generation.generator import Generated, Generator
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.shape_generation.surfaces import CodeSource, draw_cages, of_program
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
 from cagesdf.viewing.angles import AXES, angles_of, turns

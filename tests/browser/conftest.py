@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, ViewportSize, sync_playwright
 
 from cagesdf.api.sources import imported
 from cagesdf.demo import DEMO
-from cagesdf.inference import usual_settings
+from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
 from tests.support.chromium import FLAGS, chromium

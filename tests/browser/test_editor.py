@@ -21,8 +21,8 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.formats.obj import read_obj_groups
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.runs import read_run
-from cagesdf.meshes import is_closed
 from cagesdf.structure.stored import read_structure
 from cagesdf.viewing.picking import along, entries
 from cagesdf.viewing.scene import GIZMO_PIXELS, handle_place

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cage_fitting.boxes import _Hull, fit_cuboid, nearest_frames
 from cagesdf.cuboid import CORNER_ORDER, Cage, Cuboid
-from cagesdf.fitting.boxes import _Hull, fit_cuboid, nearest_frames
 from tests.support import toy
 
 SEEDS = st.integers(0, 2**32 - 1)

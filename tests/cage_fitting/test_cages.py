@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
+from cagesdf.cage_fitting.cages import fit_cage
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ShapeRejected
-from cagesdf.fitting.cages import fit_cage
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.frames import Similarity, canonical_similarity
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import from_manifold
 from cagesdf.shape import Part, Repair, Shape
-from cagesdf.solid import from_manifold
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import parse

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage
-from cagesdf.fitting.hinge import Hinge
-from cagesdf.fitting.programs import (
+from cagesdf.cage_fitting.hinge import Hinge
+from cagesdf.cage_fitting.programs import (
     DAMPING,
     _Overshoot,
     _Penalty,
@@ -24,6 +23,7 @@ from cagesdf.fitting.programs import (
     fitting_loss,
     match_axes,
 )
+from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage
 from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.parsing import parse
 from cagesdf.structure.program import AssemblyProgram

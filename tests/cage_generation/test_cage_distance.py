@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from cagesdf.cage_generation.cage_distance import cage_distances
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.generation.cage_distance import cage_distances
-from cagesdf.meshes import Mesh, join, sample_surface
-from cagesdf.solid import CUBE_FACES
+from cagesdf.geometry.meshes import Mesh, join, sample_surface
+from cagesdf.geometry.solid import CUBE_FACES
 from cagesdf.structure.executor import execute
 from tests.support import programs
 

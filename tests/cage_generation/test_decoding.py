@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from cagesdf.generation import decoding
-from cagesdf.generation.decoding import ASIDE, THINNEST, Written, decode
-from cagesdf.generation.program_vae import ProgramVAE
-from cagesdf.generation.programs import ProgramGenerator
-from cagesdf.generation.rules import BlockRules
-from cagesdf.generation.tokens import (
+from cagesdf.cage_generation import decoding
+from cagesdf.cage_generation.decoding import ASIDE, THINNEST, Written, decode
+from cagesdf.cage_generation.program_vae import ProgramVAE
+from cagesdf.cage_generation.programs import ProgramGenerator
+from cagesdf.cage_generation.rules import BlockRules
+from cagesdf.cage_generation.tokens import (
     CUBOID,
     END,
     FACE_NAMES,

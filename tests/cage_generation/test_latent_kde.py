@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import gaussian_kde, multivariate_normal
 
-from cagesdf.generation.latent_kde import (
+from cagesdf.cage_generation.latent_kde import (
     NARROW,
     TAUS,
     IsotropicGaussian,

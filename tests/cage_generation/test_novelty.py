@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cagesdf.cage_generation.checks import rebuilding_figures, sample_figures
+from cagesdf.cage_generation.generator import Generated, Samples
+from cagesdf.cage_generation.novelty import TOLERANCE, Known, reach_of, standing
+from cagesdf.cage_generation.tokens import program_of, tokens_of
 from cagesdf.cuboid import Cage
 from cagesdf.frames import Similarity
-from cagesdf.generation.checks import rebuilding_figures, sample_figures
-from cagesdf.generation.generator import Generated, Samples
-from cagesdf.generation.novelty import TOLERANCE, Known, reach_of, standing
-from cagesdf.generation.tokens import program_of, tokens_of
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.program import AssemblyProgram
 from tests.support import programs

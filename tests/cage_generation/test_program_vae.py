@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from cagesdf.generation.batching import Batch
-from cagesdf.generation.program_vae import TERMS, ProgramVAE
-from cagesdf.generation.tokens import COMMAND, END, START, ProgramTokens, tokens_of
-from cagesdf.generation.training import Settings, _batches, train_programs
+from cagesdf.cage_generation.batching import Batch
+from cagesdf.cage_generation.program_vae import TERMS, ProgramVAE
+from cagesdf.cage_generation.tokens import COMMAND, END, START, ProgramTokens, tokens_of
+from cagesdf.cage_generation.training import Settings, _batches, train_programs
 from cagesdf.structure.parsing import parse
 from tests.support import one_program, programs
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cagesdf.cage_generation.proportions import Family, ProportionGenerator, families
 from cagesdf.cuboid import Cage
-from cagesdf.generation.proportions import Family, ProportionGenerator, families
-from cagesdf.matching import touching
+from cagesdf.deformation.matching import touching
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.relations import Reflection
 from tests.support.generators import jar, jars

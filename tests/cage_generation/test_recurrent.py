@@ -4,7 +4,7 @@ import torch
 from torch import nn
 from torch.nn.utils.rnn import PackedSequence
 
-from cagesdf.generation.recurrent import PackedGRU
+from cagesdf.cage_generation.recurrent import PackedGRU
 
 RUNNING = (5, 5, 4, 2, 1)
 WIDTH = 6

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cagesdf.generation.rules import OVERHANG, BlockRules, Invalid
-from cagesdf.generation.tokens import (
+from cagesdf.cage_generation.rules import OVERHANG, BlockRules, Invalid
+from cagesdf.cage_generation.tokens import (
     ATTACH,
     CUBOID,
     END,

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cagesdf.errors import ProgramError
-from cagesdf.generation.tokens import (
+from cagesdf.cage_generation.tokens import (
     ATTACH,
     CUBOID,
     END,
@@ -18,6 +17,7 @@ from cagesdf.generation.tokens import (
     program_of,
     tokens_of,
 )
+from cagesdf.errors import ProgramError
 from cagesdf.structure.canonical import canonical_signature
 from cagesdf.structure.executor import execute
 from cagesdf.structure.parsing import parse

@@ -12,9 +12,9 @@ import pytest
 
 from cagesdf import cli
 from cagesdf.formats.obj import read_obj_groups
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.io.meshes import write_ply
 from cagesdf.io.points import CHUNK, PointChunks, PointsOf, shard_path, write_shard
-from cagesdf.meshes import Mesh, is_closed, signed_volume
 from pipeline import artefact
 from tests.support import toy
 from tests.support.commands import Command

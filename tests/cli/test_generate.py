@@ -12,12 +12,12 @@ from PIL import Image
 
 from cagesdf import rendering
 from cagesdf.cli import generating
-from cagesdf.generating import Order
-from cagesdf.io.generated import GeneratedShape
+from cagesdf.geometry.meshes import Mesh, is_closed
+from cagesdf.geometry.solid import CUBE_FACES, cage_surface
+from cagesdf.io.generated_shapes import GeneratedShape
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run
-from cagesdf.meshes import Mesh, is_closed
-from cagesdf.solid import CUBE_FACES, cage_surface
+from cagesdf.shape_generation.surfaces import Order
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.parsing import read_program
@@ -160,7 +160,7 @@ def test_meshes_are_let_go_as_they_are_written(
         path.touch()
 
     monkeypatch.setenv("CAGESDF_WORKERS", "2")
-    monkeypatch.setattr("cagesdf.generating.make_shape", make)
+    monkeypatch.setattr("cagesdf.shape_generation.surfaces.make_shape", make)
     monkeypatch.setattr("cagesdf.io.exports.write_model", counted)
     monkeypatch.setattr(generating, "ThreadPoolExecutor", lambda workers: Instant())
     monkeypatch.setattr(generating, "_sheet", lambda path, shapes: path.touch())
@@ -174,7 +174,7 @@ def test_meshes_are_let_go_as_they_are_written(
 def test_where_no_draw_is_valid_the_reasons_are_told_and_nothing_is_written(
     command: Command, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cagesdf.generation.proportions.THINNEST", 100.0)
+    monkeypatch.setattr("cagesdf.cage_generation.proportions.THINNEST", 100.0)
     complaint = command.complaint("generate", run, "--count", 2, "--out", tmp_path / "new")
     assert "no draw gave a valid shape (16 times: cuboid shrunk to nothing)" in complaint
     assert not list(tmp_path.glob("*new*"))

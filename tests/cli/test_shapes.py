@@ -12,7 +12,7 @@ from cagesdf.api import sources
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
 from cagesdf.formats.listing import ShapeSource, find_shape
-from cagesdf.meshes import Mesh, join
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.shape import RawShape
 from tests.support import toy
 from tests.support.commands import Command

@@ -14,9 +14,9 @@ from cagesdf.editing.script import parse
 from cagesdf.editing.session import Session
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
+from cagesdf.geometry.meshes import is_closed, signed_volume
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.runs import Run, read_run, write_run
-from cagesdf.meshes import is_closed, signed_volume
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.hierarchy import PartHierarchy

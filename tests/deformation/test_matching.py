@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cage_fitting.cages import fit_cage
 from cagesdf.cuboid import Cage
-from cagesdf.fitting.cages import fit_cage
-from cagesdf.matching import CONTACT, correspond, group_by_structure, match_to_one_of, match_to_scaled, touching
+from cagesdf.deformation.matching import (
+    CONTACT,
+    correspond,
+    group_by_structure,
+    match_to_one_of,
+    match_to_scaled,
+    touching,
+)
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from tests.support import toy

@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cage_fitting.cages import fit_cage
 from cagesdf.cuboid import CORNER_ORDER, Cage, Sequence
-from cagesdf.deformation import (
+from cagesdf.deformation.matching import Match, correspond
+from cagesdf.deformation.sequences import (
     KeptDetails,
     ProgramPath,
     Trilinear,
@@ -25,10 +27,8 @@ from cagesdf.deformation import (
     solids_in_cuboids,
 )
 from cagesdf.errors import InputError, ShapeRejected
-from cagesdf.fitting.cages import fit_cage
 from cagesdf.frames import Similarity
-from cagesdf.matching import Match, correspond
-from cagesdf.meshes import is_closed
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.shape import Shape
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import parse

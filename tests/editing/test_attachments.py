@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.deformation.matching import CONTACT, gaps, touching
 from cagesdf.editing.attachments import PLAY, attached
 from cagesdf.editing.script import Move, Resize, Rotate
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
-from cagesdf.matching import CONTACT, gaps, touching
 from tests.support.attached import box, do, stool, vector
 
 

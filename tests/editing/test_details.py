@@ -31,7 +31,7 @@ from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.extraction import CageField, LiveSurface, extract
 from cagesdf.frames import Similarity
-from cagesdf.meshes import Mesh, is_closed, signed_volume
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.models.decoders import Decoder, to_unit
 from cagesdf.structure.hierarchy import PartHierarchy
 from tests.support.untrained import untrained

@@ -11,8 +11,8 @@ from cagesdf.editing.document import Document
 from cagesdf.editing.script import MAX_OPERATIONS, Move, Redo, Resize, Style, Swap, Undo, dump, parse
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
-from cagesdf.inference import usual_settings
-from cagesdf.meshes import is_closed
+from cagesdf.geometry.meshes import is_closed
+from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing import opening
 from tests.support.untrained import untrained
 

@@ -12,8 +12,8 @@ from cagesdf.editing.state import State
 from cagesdf.extraction import USUAL, Extraction
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import Mesh, join
-from cagesdf.solid import cage_surface, thickness, union
+from cagesdf.geometry.meshes import Mesh, join
+from cagesdf.geometry.solid import cage_surface, thickness, union
 from tests.support.attached import box, state_of
 
 

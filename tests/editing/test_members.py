@@ -16,7 +16,7 @@ from cagesdf.editing.script import Delete, Duplicate, Harmonise, Mix, Move, Oper
 from cagesdf.editing.session import Session, state_field
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
-from cagesdf.meshes import is_closed
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.relations import Reflection
 from tests.support.mirrored import chair, do, is_mirrored, jug

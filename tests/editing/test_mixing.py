@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.deformation.matching import correspond
 from cagesdf.editing.operations import apply, edited
 from cagesdf.editing.script import (
     Blend,
@@ -30,7 +31,6 @@ from cagesdf.editing.state import History, State
 from cagesdf.editing.styles import Styles, corresponding
 from cagesdf.errors import InputError
 from cagesdf.frames import Similarity
-from cagesdf.matching import correspond
 from cagesdf.models.codes import part_codes
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from cagesdf.structure.relations import Reflection, Translation

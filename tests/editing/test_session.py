@@ -25,8 +25,8 @@ from cagesdf.editing.script import (
 from cagesdf.editing.session import Session, model_of
 from cagesdf.editing.state import History
 from cagesdf.errors import InputError
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.exports import write_model
-from cagesdf.meshes import is_closed
 from cagesdf.structure.hierarchy import PartHierarchy
 
 EDITS: tuple[Operation, ...] = (

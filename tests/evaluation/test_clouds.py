@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError
 from cagesdf.evaluation.clouds import FRESH, Clouds, cloud_of, label_of, recipe_parts
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.solid import union
 from cagesdf.importing import import_shape
 from cagesdf.io.clouds import CLOUDS, read_clouds, write_clouds
 from cagesdf.io.shapes import ShapeFolder, write_shapes
 from cagesdf.seeds import item_rng
 from cagesdf.shape import RawShape
-from cagesdf.solid import union
 from cagesdf.synthesis.dataset import CATEGORIES, build, draw, draw_recipes
 from cagesdf.synthesis.writing import OBJ_DIGITS
 from pipeline import CloudsParams, Params, artefact

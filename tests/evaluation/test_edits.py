@@ -19,8 +19,8 @@ from cagesdf.evaluation.edits import (
 )
 from cagesdf.evaluation.surfaces import Truth
 from cagesdf.evaluation.trials import Trial, trial_of
-from cagesdf.meshes import Mesh, join
-from cagesdf.solid import cage_surface, union
+from cagesdf.geometry.meshes import Mesh, join
+from cagesdf.geometry.solid import cage_surface, union
 from tests.support import toy
 
 EMPTY = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))

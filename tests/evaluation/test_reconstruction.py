@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
-from cagesdf.deformation import Trilinear
+from cagesdf.deformation.sequences import Trilinear
 from cagesdf.evaluation.metrics import OF_KEY, POINT_METRICS
 from cagesdf.evaluation.reconstruction import OWN, own_figures, score
 from cagesdf.evaluation.surfaces import Measured, Truth
-from cagesdf.meshes import Mesh, sample_surface
+from cagesdf.geometry.meshes import Mesh, sample_surface
+from cagesdf.geometry.solid import cage_surface, union
 from cagesdf.shape import Shape
-from cagesdf.solid import cage_surface, union
 from tests.support import toy
 
 POINTS = 4000

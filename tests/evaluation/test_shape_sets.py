@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from cagesdf.evaluation.generation import (
+from cagesdf.evaluation.shape_sets import (
     FIGURES,
     Described,
     Draw,

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.distance import SurfaceDistance
 from cagesdf.evaluation.swaps import (
     box_warp,
     differ,
@@ -17,10 +16,11 @@ from cagesdf.evaluation.swaps import (
     swap_trials,
     swaps_of,
 )
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, is_closed
+from cagesdf.geometry.solid import union
 from cagesdf.importing import import_shape
-from cagesdf.meshes import Mesh, is_closed
 from cagesdf.shape import RawShape, Shape
-from cagesdf.solid import union
 from cagesdf.synthesis.dataset import build, cage_of, draw, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 

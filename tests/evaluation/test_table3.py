@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cagesdf.errors import InputError
-from cagesdf.evaluation.generation import FIGURES
+from cagesdf.evaluation.shape_sets import FIGURES
 from cagesdf.evaluation.table3 import PAPER, REAL, gather_generation, ordered, summarise_methods
 from cagesdf.report import table3
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
-from cagesdf.deformation import SMALLEST, deform_shape, deform_vertices, interpolated_cage
-from cagesdf.distance import SurfaceDistance
+from cagesdf.deformation.matching import touching
+from cagesdf.deformation.sequences import SMALLEST, deform_shape, deform_vertices, interpolated_cage
 from cagesdf.evaluation.trials import bent_trial, beyond_trials, blend, local_trials, refitted, rest_trial
-from cagesdf.matching import touching
-from cagesdf.meshes import Mesh, is_closed
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, is_closed
+from cagesdf.geometry.solid import union
 from cagesdf.shape import Shape
-from cagesdf.solid import union
 from tests.support import toy
 
 

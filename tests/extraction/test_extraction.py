@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError
 from cagesdf.extraction import (
     CUBE,
@@ -32,7 +31,8 @@ from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, drawn, march
 from cagesdf.extraction.merging import merged
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, topology
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_areas, is_closed, signed_volume, topology
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.decoders import CageDecoder, Decoder, TrainsOn
 from tests.support.analytic import sphere_sdf

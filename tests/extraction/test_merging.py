@@ -11,7 +11,7 @@ from cagesdf.extraction.asking import ask_densely
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, march
 from cagesdf.extraction.merging import merged
-from cagesdf.meshes import Mesh, is_closed, signed_volume, topology
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume, topology
 from tests.support.analytic import sphere_sdf
 
 SIZE = np.array([0.5, 0.8, 0.65])

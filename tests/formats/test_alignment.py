@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cagesdf.alignment import PADDING, Boxes, Candidate, align, choose
 from cagesdf.cuboid import CORNER_ORDER, Cage, Cuboid
 from cagesdf.errors import InputError, ProgramError, ShapeRejected
+from cagesdf.formats.alignment import PADDING, Boxes, Candidate, align, choose
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.formats.partnet import read_candidates
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.importing import import_shape, summary
 from cagesdf.io.shapes import read_shapes, write_shapes
-from cagesdf.meshes import Mesh, join
 from cagesdf.shape import AlignedPart
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import Node

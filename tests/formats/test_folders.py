@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from cagesdf.errors import ShapeRejected
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.formats.polygons import Polygons, triangulated
+from cagesdf.geometry.meshes import face_areas, is_closed, signed_volume
 from cagesdf.importing import import_shape
-from cagesdf.meshes import face_areas, is_closed, signed_volume
 from tests.support import toy
 from tests.support.gltf_files import Gltf
 

@@ -19,8 +19,8 @@ from cagesdf.formats import gltf
 from cagesdf.formats.gltf import SUFFIXES, read_gltf
 from cagesdf.formats.gltf_json import MAX_ENTRIES
 from cagesdf.formats.listing import find_shape, read_shape
+from cagesdf.geometry.meshes import Mesh, face_areas, is_closed, signed_volume, weld
 from cagesdf.io.exports import Model, write_model
-from cagesdf.meshes import Mesh, face_areas, is_closed, signed_volume, weld
 from tests.support import toy
 from tests.support.gltf_files import TYPES, Gltf, packed
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cagesdf.errors import InputError
 from cagesdf.formats import content, obj
 from cagesdf.formats.obj import read_obj, read_obj_groups
-from cagesdf.meshes import face_normals
+from cagesdf.geometry.meshes import face_normals
 from tests.support import toy
 
 NUMBERS = st.floats(-1e6, 1e6)

@@ -8,7 +8,7 @@ import pytest
 
 from cagesdf.errors import InputError
 from cagesdf.formats.ply import read_ply
-from cagesdf.meshes import Mesh, is_closed, signed_volume
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from tests.support import mutants
 
 HEADER = (

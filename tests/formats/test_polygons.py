@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
 from cagesdf.formats.polygons import MAX_CORNERS, Polygons, triangulated
-from cagesdf.meshes import Mesh, face_normals
+from cagesdf.geometry.meshes import Mesh, face_normals
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -8,7 +8,7 @@ import pytest
 from cagesdf.errors import InputError
 from cagesdf.formats.parts_folder import read_parts_file
 from cagesdf.formats.stl import read_stl
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from tests.support import mutants, toy
 
 BOX = mutants.BOX

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cagesdf.audit import flags
-from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, is_closed
-from cagesdf.solid import METHODS, TIGHT, union
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, is_closed
+from cagesdf.geometry.solid import METHODS, TIGHT, union
 from tests.support import broken, toy
 from tests.support.broken import Case
 

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cagesdf import coverage
-from cagesdf.coverage import REACH, lost_areas
-from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, face_areas, join, sample_surface
-from cagesdf.solid import union
+from cagesdf.geometry import coverage
+from cagesdf.geometry.coverage import REACH, lost_areas
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_areas, join, sample_surface
+from cagesdf.geometry.solid import union
 from tests.support import toy
 
 BOX = toy.box([0, 0, 0], [1, 0.5, 0.5])

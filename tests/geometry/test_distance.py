@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cagesdf.distance import SurfaceDistance, morton_order
-from cagesdf.meshes import Mesh, join, weld
-from cagesdf.solid import union
+from cagesdf.geometry.distance import SurfaceDistance, morton_order
+from cagesdf.geometry.meshes import Mesh, join, weld
+from cagesdf.geometry.solid import union
 from tests.support import toy
 from tests.support.analytic import box_sdf, sphere_sdf
 

@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cagesdf.meshes import Mesh, face_areas, is_closed, join, sample_surface, signed_volume, topology, weld
+from cagesdf.geometry.meshes import Mesh, face_areas, is_closed, join, sample_surface, signed_volume, topology, weld
 from tests.support import toy
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -109,7 +109,7 @@ def test_any_number_of_vertices_in_one_place_are_one_and_too_many_near_ones_are_
     corners = np.stack([np.zeros_like(rim[1:]), rim[:-1], rim[1:]], axis=1)
     fan = Mesh(corners.reshape(-1, 3), np.arange(60_000, dtype=np.int32).reshape(-1, 3))
     assert len(weld(fan, 1e-7).vertices) == 20_001 + 1 - 1
-    monkeypatch.setattr("cagesdf.meshes.MAX_PAIRS", 1000)
+    monkeypatch.setattr("cagesdf.geometry.meshes.MAX_PAIRS", 1000)
     with pytest.raises(ValueError, match=r"nearer than 0\.01"):
         weld(fan, 0.01)
 

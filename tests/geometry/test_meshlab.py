@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cagesdf.errors import InputError, NotSolidError
-from cagesdf.meshes import Mesh, is_closed
-from cagesdf.meshlab import alpha_wrap, self_union
+from cagesdf.geometry.meshes import Mesh, is_closed
+from cagesdf.geometry.meshlab import alpha_wrap, self_union
 from tests.support import toy
 
 BOX = toy.box([0, 0, 0], [1, 1, 1])

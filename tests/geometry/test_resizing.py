@@ -7,10 +7,20 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 from scipy.optimize import minimize
 
-from cagesdf.distance import SurfaceDistance
-from cagesdf.meshes import Mesh, is_closed, join
-from cagesdf.resizing import BINS, LEAST, RAYS, SOFTEST, AxisWarp, chords, keeping_warp, stretches, vulnerability
-from cagesdf.solid import from_manifold, union
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, is_closed, join
+from cagesdf.geometry.resizing import (
+    BINS,
+    LEAST,
+    RAYS,
+    SOFTEST,
+    AxisWarp,
+    chords,
+    keeping_warp,
+    stretches,
+    vulnerability,
+)
+from cagesdf.geometry.solid import from_manifold, union
 from tests.support import toy
 
 SEEDS = st.integers(0, 2**32 - 1)

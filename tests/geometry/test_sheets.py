@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cagesdf.coverage import REACH
-from cagesdf.distance import SurfaceDistance
 from cagesdf.formats.listing import find_shapes, read_shape
+from cagesdf.geometry.coverage import REACH
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, is_closed, join, sample_surface, signed_volume
+from cagesdf.geometry.solid import SHEET, Solid, as_manifold, from_manifold, make_solid, thickness, union
 from cagesdf.importing import import_shape
-from cagesdf.meshes import Mesh, is_closed, join, sample_surface, signed_volume
-from cagesdf.solid import SHEET, Solid, as_manifold, from_manifold, make_solid, thickness, union
 from tests.support import toy
 
 IKEA = Path(__file__).parents[3] / "shared" / "data" / "ikea"

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import NotSolidError
-from cagesdf.meshes import Mesh, is_closed, join, sample_surface, signed_volume, weld
-from cagesdf.solid import (
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, is_closed, join, sample_surface, signed_volume, weld
+from cagesdf.geometry.solid import (
     METHODS,
     SHEET,
     TIGHT,
@@ -248,12 +248,12 @@ def test_the_union_refuses_an_open_mesh_by_its_place() -> None:
 def test_what_is_too_much_to_close_piece_by_piece_is_wrapped(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tube = opened(TUBE, 2, 1)
     assert solid(tube)[1] == "capped"
-    monkeypatch.setattr(f"cagesdf.solid.{limit}", 0)
+    monkeypatch.setattr(f"cagesdf.geometry.solid.{limit}", 0)
     assert solid(tube)[1] == "wrapped"
 
 
 def test_more_sheets_than_can_be_wrapped_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cagesdf.solid.MAX_FACES", 1)
+    monkeypatch.setattr("cagesdf.geometry.solid.MAX_FACES", 1)
     corners = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0.04], [0, 0.3, 0]])
     bent = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     with pytest.raises(NotSolidError, match="2 of its faces have no thickness, at most 1"):

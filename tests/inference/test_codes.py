@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
+from cagesdf.inference.codes import InferenceSettings, Inferred, OneShape, infer
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.training.batches import Batch, Cages, training_set
-from cagesdf.training.inference import InferenceSettings, Inferred, OneShape, infer
 from tests.support import spheres
 from tests.support.balls import Balls
 

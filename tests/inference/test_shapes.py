@@ -10,16 +10,16 @@ import pytest
 import torch
 import yaml
 
-from cagesdf import inference
 from cagesdf.api.sources import IMPORT
 from cagesdf.errors import InputError
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.importing import import_shape
+from cagesdf.inference import shapes as inference
 from cagesdf.io.cuboids import read_cages
 from cagesdf.io.exports import Model
 from cagesdf.io.fits import LATENT, read_fit_latent, write_fit
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.residuals import read_residuals, write_residuals
-from cagesdf.meshes import Mesh, is_closed, signed_volume
 from cagesdf.shape import RawPart, RawShape
 from cagesdf.structure.hierarchy import PartHierarchy
 from tests.support import toy

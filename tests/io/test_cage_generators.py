@@ -9,12 +9,12 @@ import pytest
 import torch
 from safetensors.torch import load_file, save
 
+from cagesdf.cage_generation.generator import Generator
+from cagesdf.cage_generation.program_vae import ProgramVAE
+from cagesdf.cage_generation.programs import ProgramGenerator
+from cagesdf.cage_generation.proportions import ProportionGenerator, families
 from cagesdf.errors import InputError
-from cagesdf.generation.generator import Generator
-from cagesdf.generation.program_vae import ProgramVAE
-from cagesdf.generation.programs import ProgramGenerator
-from cagesdf.generation.proportions import ProportionGenerator, families
-from cagesdf.io.generators import KNOWN, TrainedGenerator, read_generator, write_generator
+from cagesdf.io.cage_generators import KNOWN, TrainedGenerator, read_generator, write_generator
 from pipeline import Params, artefact
 from tests.support.generators import jars, on_programs
 

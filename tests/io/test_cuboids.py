@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.cuboid import Cage
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.frames import Similarity
 from cagesdf.io.cuboids import CUBOIDS, read_assemblies, read_bounding, read_cages, write_cuboids
 from cagesdf.structure.assembly import Assembly

@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 from cagesdf.errors import InputError
 from cagesdf.formats.gltf import read_gltf
 from cagesdf.formats.obj import read_obj, read_obj_groups
+from cagesdf.geometry.meshes import Mesh, is_closed, join, signed_volume
+from cagesdf.geometry.solid import union
 from cagesdf.io.exports import FAR, WRITERS, Model, as_stored, check_name, write_boxes, write_model
 from cagesdf.io.meshes import read_ply
-from cagesdf.meshes import Mesh, is_closed, join, signed_volume
-from cagesdf.solid import union
 from tests.support import toy
 
 CENTRE = np.array([100.0, -2.0, 3.0])

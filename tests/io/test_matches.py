@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from cagesdf.deformation.matching import Match
 from cagesdf.io.matches import read_matches, write_matches
-from cagesdf.matching import Match
 
 MATCHES = [
     Match("b", "a", (1.0, 1.0, 1.0), (("p", "q"), ("r", "s")), 0.25, 3, "drawn from 3 of equal structure"),

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from cagesdf.errors import InputError
 from cagesdf.frames import UP_AXES, Similarity
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.meshes import Surface, read_ply, read_surfaces, write_ply, write_surfaces
-from cagesdf.meshes import Mesh
 from tests.support import toy
 
 EMPTY = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))

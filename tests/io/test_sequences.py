@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import KeptDetails, Trilinear
+from cagesdf.deformation.sequences import KeptDetails, Trilinear
+from cagesdf.geometry.resizing import AxisWarp
 from cagesdf.io.sequences import SEQUENCES, read_sequences, read_transfers, write_sequences, write_transfers
-from cagesdf.resizing import AxisWarp
 
 
 def sequence(shape_id: str, target_id: str | None, steps: int) -> Sequence:

@@ -12,13 +12,13 @@ import pytest
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.frames import Similarity
+from cagesdf.geometry.solid import from_manifold
+from cagesdf.io.cage_generators import read_generator
 from cagesdf.io.cuboids import read_cages
-from cagesdf.io.generators import read_generator
 from cagesdf.io.rejected import read_rejected, write_rejected
 from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import PARTS, read_shapes, write_shapes
 from cagesdf.shape import Part, Repair, Shape
-from cagesdf.solid import from_manifold
 from cagesdf.structure.hierarchy import PartHierarchy
 
 

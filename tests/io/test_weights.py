@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from safetensors.torch import save
 
 from cagesdf.errors import InputError
+from cagesdf.io.cage_generators import read_generator, write_generator
 from cagesdf.io.features import FILE, KEY, read_features, write_features
 from cagesdf.io.fits import LATENT, read_fit_latent
-from cagesdf.io.generators import read_generator, write_generator
 from cagesdf.io.residuals import read_residuals, write_residuals
 from cagesdf.io.runs import read_run, read_snapshot, write_run, write_snapshot
 from cagesdf.io.weights import Sizes, planned, read_header, read_tensors, sizes_of

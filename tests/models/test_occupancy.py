@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from torch.nn.functional import binary_cross_entropy
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError
 from cagesdf.extraction import METHODS, CageField, extract
+from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.occupancy import LARGEST_UNIT, TEMPERATURE, OccupancyDecoder
 from pipeline.params import check, read_yaml

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.errors import InputError, NotSolidError, ShapeRejected
-from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh, is_closed, join, signed_volume
+from cagesdf.geometry.solid import SHEET, as_manifold, union
 from cagesdf.importing import import_shape, summary, verdict
 from cagesdf.io.shapes import read_shapes, write_shapes
-from cagesdf.meshes import Mesh, is_closed, join, signed_volume
 from cagesdf.parts.choosing import seams
 from cagesdf.parts.components import components
 from cagesdf.parts.cutting import CRUMB, box_about, cut, fragments
@@ -24,7 +25,6 @@ from cagesdf.parts.finding import as_written, find_parts, parts_as_written
 from cagesdf.parts.slots import with_slots
 from cagesdf.parts.written import SUFFIX, read_written, written_json
 from cagesdf.shape import RawPart, RawShape
-from cagesdf.solid import SHEET, as_manifold, union
 from cagesdf.structure.hierarchy import PartHierarchy
 from tests.support import toy
 

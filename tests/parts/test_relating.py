@@ -9,19 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation as Turn
 
+from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
 from cagesdf.editing.links import mirrors, repeats
 from cagesdf.editing.state import State
-from cagesdf.fitting.boxes import fit_cuboid
 from cagesdf.frames import Similarity
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, join
+from cagesdf.geometry.solid import union
 from cagesdf.importing import import_shape
 from cagesdf.io.shapes import read_shapes, write_shapes
-from cagesdf.meshes import Mesh, join
 from cagesdf.parts.relating import relations
 from cagesdf.parts.slots import with_slots
 from cagesdf.shape import RawPart, RawShape, Shape
-from cagesdf.solid import union
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.structure.relations import Adjacency, Reflection, Relation, Rotation, Translation
 from tests.support import toy

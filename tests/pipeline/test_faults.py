@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.errors import InputError
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.io.cuboids import read_cages
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.shapes import ShapeFolder

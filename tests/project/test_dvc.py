@@ -34,7 +34,7 @@ def test_a_list_names_what_a_stage_imports_and_nothing_else(tmp_path: Path) -> N
     listed = {path.stem: path.read_text(encoding="utf-8") for path in (tmp_path / "library").iterdir()}
     assert sorted(listed) == STAGES
     assert "stages/match_targets.py" in listed["match_targets"]
-    assert "cagesdf/matching.py" in listed["match_targets"]
+    assert "cagesdf/deformation/matching.py" in listed["match_targets"]
     assert "cagesdf/structure/executor.py" in listed["match_targets"], "through stored and assembly"
     assert "cagesdf/models" not in listed["match_targets"]
     assert "cagesdf/report/page.html.j2" in listed["report"]

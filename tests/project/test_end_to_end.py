@@ -13,7 +13,7 @@ import pytest
 import yaml
 from dvc.repo import Repo
 
-from cagesdf.solid import from_manifold
+from cagesdf.geometry.solid import from_manifold
 from pipeline import lanes, workspace
 
 BIN = Path(sys.executable).parent

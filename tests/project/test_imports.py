@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RECORDS = {"errors", "text", "frames", "cuboid", "meshes", "shape", "structure"}
-SOLIDS = {"errors", "frames", "cuboid", "meshes", "solid", "distance"}
+RECORDS = {"errors", "text", "frames", "cuboid", "geometry", "shape", "structure"}
 # A file or folder of cagesdf, and what else of cagesdf it may import.
 ALLOWED = {
     "errors": set(),
@@ -16,48 +15,44 @@ ALLOWED = {
     "text": {"errors"},
     "frames": {"errors"},
     "cuboid": {"errors", "frames"},
-    "meshes": {"errors"},
-    "distance": {"errors", "meshes"},
-    "meshlab": {"errors"},
-    "coverage": {"errors", "meshes", "distance"},
-    "solid": {"errors", "meshes", "cuboid", "distance", "meshlab", "coverage"},
+    "geometry": {"errors", "frames", "cuboid"},
     "structure": {"errors", "text", "frames", "cuboid"},
-    "shape": {"frames", "meshes", "structure"},
-    "alignment": RECORDS,
-    "parts": RECORDS | SOLIDS | {"fitting", "matching"},
-    "formats": RECORDS | {"alignment", "text", "parts"},
-    "audit": RECORDS | SOLIDS,
-    "importing": RECORDS | SOLIDS | {"audit", "parts"},
-    "synthesis": RECORDS | SOLIDS,
-    "fitting": RECORDS | SOLIDS,
-    "matching": RECORDS | SOLIDS,
-    "resizing": {"errors", "meshes"},
-    "deformation": RECORDS | SOLIDS | {"matching", "resizing"},
-    "sampling": RECORDS | SOLIDS | {"deformation"},
-    "part_sampling": RECORDS | SOLIDS | {"sampling"},
+    "shape": {"frames", "geometry", "structure"},
+    "audit": RECORDS,
+    "parts": RECORDS | {"cage_fitting", "deformation"},
+    "formats": RECORDS | {"parts"},
+    "importing": RECORDS | {"audit", "parts"},
+    "synthesis": RECORDS,
+    "cage_fitting": RECORDS,
+    "deformation": RECORDS,
+    "sampling": RECORDS | {"deformation", "io"},
     "models": {"errors", "frames", "cuboid"},
-    "generation": RECORDS | {"matching"},
-    "stability": RECORDS | {"matching"},
-    "simulation": RECORDS | {"stability"},
-    "io": RECORDS | {"fitting", "matching", "deformation", "resizing", "models", "evaluation", "generation"},
-    "point_chunks": RECORDS | SOLIDS | {"sampling", "part_sampling", "io"},
+    "cage_generation": RECORDS | {"deformation"},
+    "shape_generation": RECORDS | {"deformation", "cage_generation", "io", "extraction"},
+    "io": RECORDS | {"cage_fitting", "deformation", "models", "evaluation", "cage_generation"},
     "training": RECORDS | {"models", "io"},
-    "extraction": RECORDS | SOLIDS | {"models", "resizing"},
-    "editing": RECORDS | {"solid", "matching", "deformation", "models", "io", "extraction"},
-    "evaluation": RECORDS | SOLIDS | {"matching", "deformation", "synthesis"},
+    "extraction": RECORDS | {"models"},
+    "editing": RECORDS | {"deformation", "models", "io", "extraction"},
+    "evaluation": RECORDS | {"deformation", "synthesis"},
     "inference": RECORDS
-    | SOLIDS
-    | {"deformation", "fitting", "point_chunks", "io", "models", "training", "extraction", "evaluation"},
-    "generating": RECORDS | {"generation", "stability", "simulation", "io", "extraction"},
-    "rendering": RECORDS | SOLIDS,
+    | {"cage_fitting", "deformation", "sampling", "io", "models", "training", "extraction", "evaluation"},
+    "rendering": RECORDS,
     "demo": set(),
     "api": RECORDS
-    | SOLIDS
-    | {"seeds", "editing", "extraction", "generation", "generating", "inference"}
+    | {"seeds", "editing", "extraction", "cage_generation", "shape_generation", "inference"}
     | {"formats", "importing", "io", "rendering", "demo"},
     "viewing": RECORDS
-    | {"distance", "editing", "generation", "generating", "inference", "formats", "io", "extraction", "rendering"},
-    "report": RECORDS | SOLIDS | {"rendering", "evaluation", "deformation", "io"},
+    | {"editing", "cage_generation", "shape_generation", "inference", "formats", "io", "extraction", "rendering"},
+    "report": RECORDS | {"rendering", "evaluation", "deformation", "io"},
+}
+# Inside geometry/: a file, and those of the others that it may import.
+GEOMETRY = {
+    "meshes": set(),
+    "distance": {"meshes"},
+    "coverage": {"meshes", "distance"},
+    "meshlab": set(),
+    "solid": {"meshes", "distance", "meshlab", "coverage"},
+    "resizing": {"meshes"},
 }
 TORCH = {
     "models",
@@ -65,16 +60,16 @@ TORCH = {
     "extraction",
     "api",
     "inference",
-    "generating",
-    "generation/batching.py",
-    "generation/program_vae.py",
-    "generation/training.py",
-    "generation/decoding.py",
-    "generation/programs.py",
-    "generation/recurrent.py",
+    "shape_generation/surfaces.py",
+    "cage_generation/batching.py",
+    "cage_generation/program_vae.py",
+    "cage_generation/training.py",
+    "cage_generation/decoding.py",
+    "cage_generation/programs.py",
+    "cage_generation/recurrent.py",
     "io/features.py",
     "io/fits.py",
-    "io/generators.py",
+    "io/cage_generators.py",
     "io/runs.py",
     "io/weights.py",
     "editing/session.py",
@@ -136,6 +131,12 @@ def test_the_library_imports_only_what_lies_before_it(path: Path) -> None:
         return
     assert room(path) in ALLOWED, f"give {room(path)} a place in ALLOWED and in docs/design.md"
     assert tops(path, "cagesdf") <= ALLOWED[room(path)] | {room(path)}
+
+
+@pytest.mark.parametrize("path", modules("cagesdf/geometry"), ids=lambda path: path.name)
+def test_geometry_goes_from_meshes_to_solids(path: Path) -> None:
+    names = {name.split(".")[2] for name in imported(path) if name.startswith("cagesdf.geometry.")}
+    assert names <= GEOMETRY.get(path.stem, set())
 
 
 @pytest.mark.parametrize("path", modules("pipeline"), ids=lambda path: path.name)

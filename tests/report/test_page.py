@@ -13,19 +13,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cagesdf import rendering
+from cagesdf.cage_fitting.cages import FittedCage
 from cagesdf.cuboid import Cage, Cuboid, Sequence
-from cagesdf.deformation import deform_shape, scaled_cage
+from cagesdf.deformation.sequences import deform_shape, scaled_cage
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.edits import FIGURES
-from cagesdf.evaluation.generation import FIGURES as GENERATION
 from cagesdf.evaluation.metrics import OF_KEY, PROGRESS
+from cagesdf.evaluation.shape_sets import FIGURES as GENERATION
 from cagesdf.evaluation.table3 import REAL, gather_generation
 from cagesdf.evaluation.trials import trial_of
-from cagesdf.fitting.cages import FittedCage
+from cagesdf.geometry.solid import cage_surface, union
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.edits import write_edit_surfaces, write_edits
-from cagesdf.io.generated import write_generated
-from cagesdf.io.generation import write_generation
+from cagesdf.io.generated_shapes import write_generated
+from cagesdf.io.generation_scores import write_generation
 from cagesdf.io.logs import read_losses
 from cagesdf.io.meshes import Surface, write_surfaces
 from cagesdf.io.progress import write_progress
@@ -38,11 +39,10 @@ from cagesdf.rendering import CLAY, Scene
 from cagesdf.report import chart, figures
 from cagesdf.report.chart import log_chart
 from cagesdf.report.gather import mixes, part_colours, read_category, swaps
-from cagesdf.report.generation import failures, opened, strip
+from cagesdf.report.generated_shapes import failures, opened, strip
 from cagesdf.report.page import Category, Grid, write_page
 from cagesdf.report.selection import spread
 from cagesdf.shape import Shape
-from cagesdf.solid import cage_surface, union
 from pipeline import Params, ReportParams, artefact
 from stages import report
 from tests.support import toy

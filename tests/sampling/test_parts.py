@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cagesdf import part_sampling
 from cagesdf.cuboid import Cage
-from cagesdf.deformation import solids_in_cuboids
-from cagesdf.distance import SurfaceDistance
+from cagesdf.deformation.sequences import solids_in_cuboids
 from cagesdf.frames import BEYOND
-from cagesdf.meshes import Mesh, face_areas, is_closed
-from cagesdf.part_sampling import LARGEST, LEAST_CHUNKS, SMALLEST, PartSamples, sample_part
-from cagesdf.solid import make_solid, union
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_areas, is_closed
+from cagesdf.geometry.solid import make_solid, union
+from cagesdf.sampling import parts as part_sampling
+from cagesdf.sampling.parts import LARGEST, LEAST_CHUNKS, SMALLEST, PartSamples, sample_part
 from cagesdf.structure.hierarchy import Node
 from tests.support import toy
 

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import ks_2samp, kstest
 
-from cagesdf import sampling
+from cagesdf.cage_fitting.cages import fit_cage
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
-from cagesdf.fitting.cages import fit_cage
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.sampling import (
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.solid import union
+from cagesdf.sampling import shapes as sampling
+from cagesdf.sampling.shapes import (
     BOUND_BITS,
     Samples,
     bound_cells,
@@ -22,7 +23,6 @@ from cagesdf.sampling import (
     uniform_in,
     weight_bound,
 )
-from cagesdf.solid import union
 from tests.support import toy
 from tests.support.analytic import box_sdf, sphere_sdf
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.special import softmax
 
+from cagesdf.cage_generation.cage_distance import cage_distances
+from cagesdf.cage_generation.generator import Generated, Generator, Samples, samples_of
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.generating import BATCH, CageDraws, Dependent, code_source, draw_cages, in_order, rest_cages
-from cagesdf.generation.cage_distance import cage_distances
-from cagesdf.generation.generator import Generated, Generator, Samples, samples_of
 from cagesdf.io.runs import Run
 from cagesdf.models.latents import LatentTable
+from cagesdf.shape_generation.surfaces import BATCH, CageDraws, Dependent, code_source, draw_cages, in_order, rest_cages
 from tests.support.instant import Instant
 from tests.support.untrained import FIGURES, untrained
 

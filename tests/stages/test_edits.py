@@ -9,17 +9,17 @@ import pytest
 import torch
 
 from cagesdf.cuboid import Cage, Sequence
-from cagesdf.deformation import aligned_cage, interpolated_cage
+from cagesdf.deformation.sequences import aligned_cage, interpolated_cage
 from cagesdf.errors import InputError
 from cagesdf.evaluation.tables import gather_edits
 from cagesdf.evaluation.trials import MIXES, STYLED
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.importing import import_shape
 from cagesdf.io.edits import read_edit_surface, read_edits
 from cagesdf.io.runs import Run, write_run
 from cagesdf.io.sequences import write_sequences
 from cagesdf.io.shapes import write_shapes
 from cagesdf.io.trials import read_trials
-from cagesdf.meshes import is_closed
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.shape import RawShape, Shape

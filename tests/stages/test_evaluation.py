@@ -9,15 +9,15 @@ import pytest
 import torch
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
-from cagesdf.deformation import interpolated_cage
+from cagesdf.deformation.sequences import interpolated_cage
 from cagesdf.evaluation.metrics import OF_KEY
 from cagesdf.evaluation.tables import gather_tables
+from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.meshes import read_surfaces
 from cagesdf.io.progress import read_progress
 from cagesdf.io.runs import Run, write_run, write_snapshot
 from cagesdf.io.scores import read_scores
 from cagesdf.io.sequences import write_sequences
-from cagesdf.meshes import is_closed
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.shape import Shape

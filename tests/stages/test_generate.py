@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cagesdf.cage_generation.generator import Generated, Generator, Samples, samples_of
 from cagesdf.errors import InputError
-from cagesdf.generating import ROUNDS, draw_cages
-from cagesdf.generation.generator import Generated, Generator, Samples, samples_of
-from cagesdf.io.generated import read_generated
+from cagesdf.geometry.meshes import is_closed
+from cagesdf.io.generated_shapes import read_generated
 from cagesdf.io.runs import read_run
-from cagesdf.meshes import is_closed
-from cagesdf.stability import rooted, stable
+from cagesdf.shape_generation.static_stability import rooted, stable
+from cagesdf.shape_generation.surfaces import ROUNDS, draw_cages
 from pipeline import GenerateParams, load
 from pipeline.artefact import ArtefactError
 from stages.generate import main
@@ -84,7 +84,7 @@ def test_a_surface_that_breaks_its_promises_is_kept_with_the_reason(
     def broken(*_: object, **__: object) -> None:
         raise ValueError("the surface of 7 faces is inside out")
 
-    monkeypatch.setattr("cagesdf.generating.extract", broken)
+    monkeypatch.setattr("cagesdf.shape_generation.surfaces.extract", broken)
     rows = read_generated(made(arms, "full")).rows.values()
     assert {row["status"] for row in rows} == {"broken: the surface of 7 faces is inside out"}
 

@@ -10,13 +10,13 @@ import pytest
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import FRESH, Clouds
-from cagesdf.evaluation.generation import Described, drawn
+from cagesdf.evaluation.shape_sets import Described, drawn
 from cagesdf.evaluation.table3 import REAL, gather_generation
+from cagesdf.geometry.meshes import Mesh, sample_surface
 from cagesdf.io.clouds import write_clouds
 from cagesdf.io.features import Features, write_features
-from cagesdf.io.generated import POINTS, GeneratedShape, read_generated, write_generated
-from cagesdf.io.generation import read_generation, read_nearest
-from cagesdf.meshes import Mesh, sample_surface
+from cagesdf.io.generated_shapes import POINTS, GeneratedShape, read_generated, write_generated
+from cagesdf.io.generation_scores import read_generation, read_nearest
 from cagesdf.models.pointnet import make_classifier
 from cagesdf.report import table3
 from pipeline import GenerationParams, Params, artefact

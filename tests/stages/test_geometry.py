@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from cagesdf.cuboid import Cage
-from cagesdf.deformation import deform_shape
-from cagesdf.distance import SurfaceDistance
+from cagesdf.deformation.sequences import deform_shape
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.solid import union
 from cagesdf.io.cuboids import read_cages
 from cagesdf.io.matches import read_matches
 from cagesdf.io.points import POINTS, PointsOf, read_points, shard_paths
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.sequences import read_sequences, read_transfers
-from cagesdf.meshes import Mesh
-from cagesdf.solid import union
 from pipeline import DeformParams, FitParams, MatchParams, SampleParams
 from pipeline.artefact import ArtefactError
 from stages import deform_sequences, fit_cuboids, match_targets, sample_points

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cagesdf.errors import InputError
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.shapes import read_shapes
-from cagesdf.meshes import Mesh
 from pipeline import ImportParams, artefact
 from stages.import_shapes import main
 from tests.support import toy

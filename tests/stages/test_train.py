@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
+from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.errors import InputError
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.frames import Similarity
 from cagesdf.io.cuboids import write_cuboids
 from cagesdf.io.points import shard_path, write_shard

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cagesdf.cage_fitting.fitted import FittedCage
+from cagesdf.cage_generation.programs import ProgramGenerator
+from cagesdf.cage_generation.proportions import ProportionGenerator
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
-from cagesdf.fitting.fitted import FittedCage
 from cagesdf.frames import Similarity
-from cagesdf.generation.programs import ProgramGenerator
-from cagesdf.generation.proportions import ProportionGenerator
+from cagesdf.io.cage_generators import read_generator
 from cagesdf.io.cuboids import write_cuboids
-from cagesdf.io.generators import read_generator
 from cagesdf.io.rejected import read_rejected
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.parsing import parse

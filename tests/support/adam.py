@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
+from cagesdf.cage_fitting.programs import match_axes
 from cagesdf.cuboid import Cage
 from cagesdf.errors import ProgramError
-from cagesdf.fitting.programs import match_axes
 from cagesdf.structure.executor import differentiate, execute
 from cagesdf.structure.program import AssemblyProgram
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from cagesdf import inference
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.frames import Similarity
+from cagesdf.geometry.meshes import Mesh
+from cagesdf.inference import shapes as inference
 from cagesdf.io.residuals import write_residuals
 from cagesdf.io.runs import Run
-from cagesdf.meshes import Mesh
 from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import SHARED, LatentTable
 from cagesdf.structure.hierarchy import PartHierarchy

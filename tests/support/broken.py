@@ -11,12 +11,12 @@ from typing import Any
 import manifold3d
 import numpy as np
 
-from cagesdf.distance import SurfaceDistance
 from cagesdf.frames import canonical_similarity
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, compact, join, sample_surface
+from cagesdf.geometry.solid import SHEET, TIGHT, as_manifold, from_manifold, union
 from cagesdf.importing import import_shape, signed_distances
-from cagesdf.meshes import Mesh, compact, join, sample_surface
 from cagesdf.shape import RawPart, RawShape, Shape
-from cagesdf.solid import SHEET, TIGHT, as_manifold, from_manifold, union
 from cagesdf.structure.hierarchy import PartHierarchy
 from tests.support import toy
 

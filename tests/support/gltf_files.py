@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 
 TYPES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 SHAPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}

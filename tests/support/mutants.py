@@ -16,7 +16,7 @@ from cagesdf.formats.obj import read_obj_groups
 from cagesdf.formats.parts_folder import read_parts_file
 from cagesdf.formats.ply import read_ply
 from cagesdf.formats.stl import read_stl
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from tests.support import toy
 from tests.support.gltf_files import Gltf
 

@@ -6,9 +6,9 @@ With the weights of a `ProgramVAE`, so that its losses and gradients can be comp
 import torch
 from torch import Tensor
 
-from cagesdf.generation.program_vae import DEPTHS, TERMS, ProgramVAE
-from cagesdf.generation.recurrent import PackedGRU
-from cagesdf.generation.tokens import (
+from cagesdf.cage_generation.program_vae import DEPTHS, TERMS, ProgramVAE
+from cagesdf.cage_generation.recurrent import PackedGRU
+from cagesdf.cage_generation.tokens import (
     ALIGNED,
     ATTACH,
     AXIS,

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.cuboid import Cage
-from cagesdf.distance import SurfaceDistance
 from cagesdf.errors import InputError
-from cagesdf.fitting.boxes import fit_cuboid
-from cagesdf.meshes import is_closed, join, sample_surface
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import is_closed, join, sample_surface
+from cagesdf.geometry.solid import as_manifold, cage_surface, union
 from cagesdf.shape import RawPart
-from cagesdf.solid import as_manifold, cage_surface, union
 from cagesdf.structure.relations import Reflection, Rotation, Translation
 from cagesdf.synthesis.dataset import CATEGORIES, build, cage_of, draw, draw_recipes
 from cagesdf.synthesis.recipe import Recipe

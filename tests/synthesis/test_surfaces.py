@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from cagesdf.fitting.boxes import fit_cuboid
-from cagesdf.meshes import Mesh, is_closed, signed_volume
-from cagesdf.solid import as_manifold
+from cagesdf.cage_fitting.boxes import fit_cuboid
+from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
+from cagesdf.geometry.solid import as_manifold
 from cagesdf.synthesis import members, slabs, vessels
 from cagesdf.synthesis.surfaces import capped, fill, looped, rounded_rectangle, stack, superellipse
 

@@ -8,7 +8,7 @@ import pytest
 
 from cagesdf.cuboid import Cage
 from cagesdf.formats.partnet import read_partnet
-from cagesdf.meshes import face_areas, is_closed, signed_volume
+from cagesdf.geometry.meshes import face_areas, is_closed, signed_volume
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.synthesis.dataset import build, draw, draw_recipes
 from cagesdf.synthesis.recipe import Recipe

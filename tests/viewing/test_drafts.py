@@ -9,7 +9,7 @@ from cagesdf.editing.document import Document
 from cagesdf.editing.script import Move, Style
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
-from cagesdf.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh
 from cagesdf.viewing import drafts as module
 from cagesdf.viewing.drafts import DAY, MOST, Drafts, Entry, Page, is_token, new_token
 from cagesdf.viewing.shelf import Shelf

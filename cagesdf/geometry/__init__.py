@@ -1,0 +1,1 @@
+"""Triangle meshes: distances to them, their repair into closed solids, unions, resizing."""

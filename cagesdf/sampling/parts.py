@@ -1,0 +1,79 @@
+"""Signed distance samples of one part, in and around its cuboid, to its own closed surface.
+
+A part is moved by its own cuboid alone: an affine map between unit frames, so that its surface in the unit frame is
+the same at every step of a sequence. Points near the surface are spread evenly over it there, and as many as it
+asks for: a back of many slats gets more than a plate. Where cuboids overlap, each has its own points there.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from cagesdf.cuboid import Cage
+from cagesdf.frames import BEYOND, LEAST_UNIT
+from cagesdf.geometry.distance import SurfaceDistance
+from cagesdf.geometry.meshes import Mesh, face_areas
+from cagesdf.sampling.shapes import rounded_up
+
+SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
+LEAST_CHUNKS = 2  # of a part at one step
+# Areas of a surface in the unit frame between which points follow it; a box has 6. A bent wire in a large cuboid may
+# have less than 1, and yet all of the cuboid's empty space to be kept empty.
+SMALLEST, LARGEST = 4.0, 150.0
+
+
+@dataclass(frozen=True, eq=False)
+class PartSamples:
+    """Points of one part at one step, in chunks of `k`."""
+
+    points: Float[ndarray, "c k 3"]  # canonical, float32
+    sdf: Float[ndarray, "c k"]  # to the part's own surface at those very positions; canonical, negative inside, float32
+    near: Bool[ndarray, "c k"]  # around the surface rather than uniform
+
+
+def sample_part(
+    solid: Mesh,
+    cage: Cage,
+    cuboid: int,
+    part_near: float,
+    part_uniform: float,
+    chunk: int,
+    rng: np.random.Generator,
+) -> PartSamples:
+    """Training samples of a closed part, given in the unit frame of cuboid number `cuboid`.
+
+    For each unit of its surface's area there it gets `part_near` points around the surface and `part_uniform` others;
+    areas count as at least SMALLEST and at most LARGEST.
+
+    Near points are at places of the surface, uniform by area in the unit frame, plus an isotropic normal offset whose
+    standard deviation is log-uniform in SPREAD times the cuboid's smallest length. Those that fall beyond the cuboid by
+    more than BEYOND of a length are drawn uniformly instead, in the cuboid enlarged by that, like the uniform points.
+    """
+    areas = face_areas(solid)
+    area = min(max(float(areas.sum()), SMALLEST), LARGEST)
+    near = int(part_near * area)
+    total = max(LEAST_CHUNKS, -(-int((part_near + part_uniform) * area) // chunk)) * chunk
+    moved = solid.with_vertices(cage.from_unit(solid.vertices, cuboid))
+    faces = np.sort(rng.choice(len(areas), near, p=areas / areas.sum()))
+    first, second = rng.random((2, near, 1))
+    turned = first + second > 1
+    first, second = np.where(turned, 1 - first, first), np.where(turned, 1 - second, second)
+    a, b, c = moved.corners()[faces].swapaxes(0, 1)
+    places = a + first * (b - a) + second * (c - a)
+    # Exponentials differ in their last digit from one kind of processor to another.
+    ratio = rounded_up(np.exp(rng.uniform(math.log(SPREAD[0]), math.log(SPREAD[1]), near)))
+    spread = ratio[:, None] * max(float(cage.size[cuboid].min()), LEAST_UNIT)
+    around = cage.to_unit(places + rng.normal(size=(near, 3)) * spread, cuboid)
+    filling = rng.uniform(-0.5 - BEYOND, 0.5 + BEYOND, (total, 3))
+    beyond = (np.abs(around) > 0.5 + BEYOND).any(axis=1)
+    filling[:near][~beyond] = around[~beyond]
+    # Distances are measured where the stored point will be.
+    points = cage.from_unit(filling, cuboid).astype(np.float32)
+    sdf = SurfaceDistance(moved).signed(points.astype(np.float64)).astype(np.float32)
+    is_near = np.zeros(total, bool)
+    is_near[:near] = ~beyond
+    order = rng.permutation(total).reshape(-1, chunk)
+    return PartSamples(points[order], sdf[order], is_near[order])
