@@ -44,7 +44,7 @@ def load_run(folder: Path | str, programs: Path | str | None = None) -> "Trained
 class NewShapes:
     """Orders of new shapes, drawn as they are taken."""
 
-    method: str  # one of `generating.methods_of` the run
+    method: str  # one of `shape_generation.surfaces.methods_of` the run
     source: CodeSource
     orders: Iterator[Order]
 

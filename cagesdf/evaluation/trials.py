@@ -82,7 +82,7 @@ def beyond_trials(shape: Shape, sequence: Sequence, places: tuple[float, ...]) -
     """The sequence's line through its first and last cage, followed to `places` beyond [0, 1].
 
     The truth is the trilinear deformation. Second comes how many places were left out because a cuboid
-    would be thinner than `deformation.SMALLEST` there, or inside out.
+    would be thinner than `sequences.SMALLEST` there, or inside out.
     """
     rest = sequence.cages[0]
     cages = {t: interpolated_cage(rest, sequence.cages[-1], t) for t in places}
@@ -109,7 +109,7 @@ def blend(vertices: Float[ndarray, "v 3"], rest: Cage, moved: Cage, reach: float
     """Vertices inside some cuboid after each has gone to a weighted mean of where the cuboids around it take it.
 
     A cuboid's weight is 1 inside it and (1 − d/reach)² at a distance d < `reach` from it, canonical. With
-    a reach that tends to 0 this is `deformation.deform_vertices`.
+    a reach that tends to 0 this is `sequences.deform_vertices`.
     """
     weights = (1 - rest.signed_distance(vertices).clip(0) / reach).clip(0) ** 2
     total = np.zeros_like(vertices)

@@ -51,7 +51,7 @@ INDEX = Layout(
         Column("clipped", pa.float64(), "share of the vertices where the cage cut off what the network wanted"),
         Column("asked", pa.int64(), "points given to the network"),
         Column("rooted", pa.bool_(), "its cuboids hang together down to the ground; false without cuboids"),
-        Column("stable", pa.bool_(), "and don't fall over (stability.py); false without cuboids"),
+        Column("stable", pa.bool_(), "and don't fall over (static_stability.py); false without cuboids"),
     ),
     {"frame": "canonical"},
 )  # fmt: skip
@@ -91,7 +91,7 @@ class GeneratedShape:
     components: int  # connected components
     clipped: float  # share of the vertices where the cage cut the network's surface off
     asked: int  # points at which the network was evaluated
-    rooted: bool  # as `stability` has it; False without cuboids
+    rooted: bool  # as `static_stability` has it; False without cuboids
     stable: bool
     points: Float32[ndarray, "n 3"]  # on the surface, canonical; none where there is no surface
     parts: Mapping[str, Mesh]  # closed, whose union the mesh is; not written

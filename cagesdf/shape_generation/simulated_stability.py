@@ -5,7 +5,7 @@ where it is, on a plane through the cage's lowest corner, gravity along -y, and 
 step. It is stable if in the end its centre of mass is as high as it was, up to TOLERANCE of the body's height. Their
 forces are 1000 times a volume and a length, with masses that aren't stated; here they are those of mass 1000 a volume.
 
-The optional extra `physics` (pip install 'cagesdf[physics]') has the simulator; `stability.stable` needs none.
+The optional extra `physics` (pip install 'cagesdf[physics]') has the simulator; `static_stability.stable` needs none.
 """
 
 from typing import Any
