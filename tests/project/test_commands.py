@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,7 +23,7 @@ PAGES.remove("docs/log.md")  # of what was, too
 COMMAND = re.compile(r"(?:^(?: {4}|\$ )?(?:\.venv/bin/)?|`)((?:cagesdf|make|python -m) [^`\n#]*[^`\n# ])", re.MULTILINE)
 # What README's placeholders stand for in a run, and how little is enough.
 STAND_INS = {
-    "RUN": str(DEMO / "run"), "SHAPE": "chair_0000", "CUBOIDS_OF": "chair_0000", "STYLE_OF": "chair_0001",
+    "RUN": "data/runs/chair/cagesdf", "SHAPE": "chair_0000", "CUBOIDS_OF": "chair_0000", "STYLE_OF": "chair_0001",
     "leg=chair_0007": "leg=chair_0001", "256": "32", "24": "1",
 }  # fmt: skip
 LONG = {"view", "plan", "fit", "check"}  # a server, minutes, and shapes of the user's
@@ -49,7 +50,7 @@ def test_every_command_of_a_page_exists_and_takes_the_options_that_stand_there(p
         assert options <= known, words
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [page for page in PAGES if page != "docs/extending.md"])  # which adds a stage
 def test_every_module_and_target_of_a_page_is_there(page: str) -> None:
     targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     for words in commands(page, "make"):
@@ -72,6 +73,8 @@ def test_the_commands_of_the_readme_run(command: Command, tmp_path: Path, monkey
     toy.write_obj(Path("chair.obj"), toy.box(np.zeros(3), np.ones(3)))
     np.save("points.npy", np.random.default_rng(0).uniform(-1, 1, (50, 3)))
     write_program(Path("programs/stool.txt"))
+    shutil.copytree(DEMO / "run", STAND_INS["RUN"])
+    shutil.copytree(DEMO / "programs", "data/programs/chair")
     [script] = re.findall(
         r"echo '(\[.*?\])' > script\.json", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL
     )
