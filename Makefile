@@ -22,7 +22,7 @@ help:
 	@echo 'make own DATA=folder NAME=chair     your own shapes, in work/own-chair'
 	@echo '         [INCLUDE="Chair_*"] [UP=z]'
 	@echo 'make demo                           train what cagesdf view --demo opens'
-	@echo 'make test                           the tests'
+	@echo 'make test                           the tests; with COVERAGE=1 the lines that they run'
 	@echo 'make check                          ruff and mypy'
 	@echo 'Each takes TORCH=cpu: on Linux torch without CUDA, which is gigabytes, from an index of its own'
 
@@ -64,7 +64,8 @@ demo: .venv/installed
 	cp "$$folder"/data/programs/mixed/*.* cagesdf/demo/programs && rm cagesdf/demo/*/log.jsonl
 
 test: .venv/installed-dev
-	python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	mkdir -p work
+	python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(COVERAGE),--cov --cov-report=term)
 
 check: .venv/installed-dev
 	ruff check . && ruff format --check . && mypy

@@ -8,6 +8,7 @@ make `work/tiny` or `work/own-chair`: a DVC project of its own with
     settings.yaml     the differences from the default parameters; yours to edit, comments are kept
     params.yaml       the default parameters with those differences, made anew each time
     dvc.yaml          the same graph; for own data without its first stage
+    .dvc/plots        how `dvc plots show` draws
     data/raw/chair    for own data: a link to FOLDER
     data/linked/0000  for own data: links to the folders that links in FOLDER lead to
     data/             its outputs, once `dvc repro` has run there
@@ -21,6 +22,7 @@ linked as well, as a dependency of the same stages.
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -62,6 +64,7 @@ def make_workspace(folder: Path, settings: Content, graph: Content) -> None:
         subprocess.run([*dvc, "init", "--quiet", "--no-scm"], cwd=folder, check=True)
         for option in ("analytics", "check_update"):
             subprocess.run([*dvc, "config", "--quiet", f"core.{option}", "false"], cwd=folder, check=True)
+    shutil.copytree(ROOT / ".dvc" / "plots", folder / ".dvc" / "plots", dirs_exist_ok=True)
 
 
 def merged(base: Content, changes: Content) -> Content:

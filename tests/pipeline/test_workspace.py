@@ -1,6 +1,7 @@
 """Work folders: other parameters or data beside the default run, and nothing of the user's lost."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A project with the real parameters and graph, whose work folder is ours to fill."""
     for name in ("params.yaml", "dvc.yaml"):
         (tmp_path / name).write_bytes((workspace.ROOT / name).read_bytes())
+    shutil.copytree(workspace.ROOT / ".dvc" / "plots", tmp_path / ".dvc" / "plots")
     (tmp_path / "profiles").mkdir()
     for path in (workspace.ROOT / "profiles").glob("*.yaml"):
         (tmp_path / "profiles" / path.name).write_bytes(path.read_bytes())
@@ -45,6 +47,7 @@ def test_a_profile_is_the_default_parameters_with_its_differences(root: Path) ->
     assert params["train"]["steps"] == read(root / "profiles" / "tiny.yaml")["train"]["steps"]
     assert params["match_targets"] == defaults["match_targets"]
     assert read(folder / "dvc.yaml") == read(root / "dvc.yaml")
+    assert (folder / ".dvc" / "plots" / "arms.json").is_file()
 
 
 def test_settings_that_were_edited_survive_and_win(root: Path) -> None:
@@ -234,7 +237,7 @@ def test_a_change_behind_a_link_reruns_what_reads_the_shapes(root: Path, monkeyp
     stage["deps"] = [dep for dep in stage["deps"] if "library" not in dep]
     (folder / "dvc.yaml").write_text(yaml.safe_dump({"stages": {"import_shapes": stage}}), encoding="utf-8")
     monkeypatch.chdir(folder)
-    Repo.init(no_scm=True).close()
+    Repo.init(no_scm=True, force=True).close()
 
     def runs() -> int:
         with Repo() as repo:

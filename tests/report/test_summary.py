@@ -50,3 +50,4 @@ def test_dvc_shows_the_committed_figures(what: str, tmp_path: Path) -> None:
         assert shown == expected
     else:
         assert "surface_distance" in done.stdout
+        assert '"arm"' in (tmp_path / "index.html").read_text(encoding="utf-8"), "a curve for each arm"
