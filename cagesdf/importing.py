@@ -121,7 +121,7 @@ def _found(
 def _chosen(
     raw: RawShape, meshes: list[Mesh], similarity: Similarity, weld: float, max_parts: int, min_thickness: float
 ) -> tuple[Origin, tuple[Part, ...]]:
-    """The groups of a file if they are parts, else those that are found."""
+    """The groups of a file if they are parts, otherwise parts that are found."""
     origin, closed = _found(raw, meshes, similarity, weld, min_thickness)
     if len(meshes) > max_parts:
         return replace(origin, reason=f"the file has {len(meshes)} groups, at most {max_parts} are parts"), closed

@@ -100,7 +100,7 @@ class View:
 
 
 def render_rows(rows: Sequence[Sequence[Scene]], size: int, processes: int = 1) -> tuple[list[list[Image]], str]:
-    """Pictures of rows of scenes, `size` pixels square, and the name of what drew them.
+    """Pictures of rows of scenes, `size` pixels square, and the name of the renderer.
 
     All pictures of a row have the same camera and scale. The background is transparent. VTK is
     started once in each process; "matplotlib" draws if it can't be.

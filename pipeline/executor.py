@@ -1,4 +1,4 @@
-"""Mapping over items in input order, on as many processes as there are cores, or on a cluster."""
+"""Mapping over items in input order, on one process per core, or on a cluster."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""Bring the graph of dvc.yaml up to date, as many stages at once as there are cores.
+"""Bring the graph of dvc.yaml up to date, one stage per core at a time.
 
     python -m pipeline.lanes
 
@@ -119,7 +119,7 @@ def stale(stages: Graph, changed: set[str]) -> Graph:
 
 
 def lanes() -> int:
-    """How many run at once: one on a GPU, else as many as there are workers."""
+    """Number of stages that run at once: one on a GPU, otherwise the number of workers."""
     return workers() if device() == "cpu" else 1
 
 
@@ -159,7 +159,7 @@ def side_by_side(stages: Graph, count: int, call: Callable[[str, int, int], bool
 
 @contextmanager
 def lock_file() -> Iterator[dict[str, Any]]:
-    """Yield a mapping for what is to be recorded of stages, by name; it is in dvc.lock when the block ends, however.
+    """Yield a mapping of the stages' entries, by name, which are in dvc.lock when the block ends, however it ends.
 
     Stages that dvc.yaml no longer has leave the file. DVC would read and write all of it after every stage, a second
     each time; what a killed process didn't write, the next one finds in DVC's run cache.

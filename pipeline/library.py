@@ -60,7 +60,7 @@ def _imported(path: Path) -> Iterator[str]:
 
 
 def _file(name: str) -> Path | None:
-    """The file of one of our modules; None for others, and for what is a name inside a module."""
+    """The file of one of our modules; None for others, and for names inside a module."""
     if name.split(".")[0] not in PACKAGES:
         return None
     path = ROOT.joinpath(*name.split("."))

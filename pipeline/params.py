@@ -57,7 +57,7 @@ class ImportParams(Params):
     weld: Positive  # vertices nearer than this are one, canonical units
     max_faces: Count  # a shape
     max_parts: Count  # a shape
-    min_thickness: Positive  # what is thinner is a sheet and gets a plate; above 0.001, sheets are rejected; canonical
+    min_thickness: Positive  # a thinner part is a sheet and gets a plate; above 0.001, sheets are rejected; canonical
     max_rejected: Share  # of the shapes; more stops the stage
 
 
@@ -112,7 +112,7 @@ class SampleParams(Params):
 
     near: Count  # importance sampled
     uniform: Natural  # in the whole cube
-    per_cuboid: Natural  # at least so many in each cuboid
+    per_cuboid: Natural  # points in each cuboid, at least
     beta: Positive  # importance weight is exp(-beta |sdf|)
     part_near: Positive  # around a part's surface, for each unit of its area where its cuboid has length 1 (a box: 6)
     part_uniform: Positive  # in a part's cuboid, the same
@@ -156,7 +156,7 @@ class TrainParams(Params):
     precision: Literal["auto", "float32", "bfloat16"]  # of the matrix products; auto: as the processor has it
     checkpoint_every: Count  # steps
     log_every: Count  # steps
-    snapshots: tuple[Count, ...]  # after so many steps what was trained is kept too, for evaluate_progress
+    snapshots: tuple[Count, ...]  # steps after which the weights are kept too, for evaluate_progress
     seed: Natural
 
 
@@ -164,8 +164,8 @@ class ExtractParams(Params):
     """Which surfaces, how fine."""
 
     resolution: Count  # cells along [-1.05, 1.05]
-    sources: Count  # at most so many source shapes, drawn by seed (Table 1)
-    held_out: Count  # at most so many shapes whose held-out steps are extracted (Table 2)
+    sources: Count  # number of source shapes, at most, drawn by seed (Table 1)
+    held_out: Count  # number of shapes, at most, whose held-out steps are extracted (Table 2)
     loose: Literal["keep", "drop"]  # pieces that don't hang together with the largest
     seed: Natural
 
@@ -195,7 +195,7 @@ class TrialsParams(Params):
 
     swaps: Natural  # of cuboids and styles, a category; at most as many as no training step has shown
     mixes: Natural  # of these, some in which the parts of one label alone take the style
-    shapes: Natural  # at most so many whose other edits are tried
+    shapes: Natural  # number of shapes, at most, whose other edits are tried
     local: Natural  # edits of single cuboids, a shape
     resize: tuple[Positive, Positive]  # range of the factor of one side of a cuboid
     move: tuple[Positive, Positive]  # range of its way along one of its axes, canonical units

@@ -29,12 +29,12 @@ ROOT = Path(__file__).parent.parent
 ONE_THREAD = dict.fromkeys(
     ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "IGL_NUM_THREADS"], "1"
 )
-POLL = 0.1  # seconds between looks at what is done
+POLL = 0.1  # seconds between looks at the results
 WORKER = 60  # seconds to wait for one: at first, and after the last has gone
 
 
 class Died(Exception):
-    """The process that called the function ended before it returned; the message says what is known."""
+    """The process that called the function ended before it returned; the message has what is known."""
 
 
 class Processes(Protocol):
@@ -200,7 +200,7 @@ def _loaded(stored: bytes | Path) -> Callable[[Any], Any]:
 
 
 def _call_stored(stored: Path, seconds: float, item: Any) -> Any:
-    function = _loaded(stored)  # what it imports is not the item's time
+    function = _loaded(stored)  # its imports don't count as the item's time
     with _watched(seconds):
         return function(item)
 
@@ -213,7 +213,7 @@ def _call_function(item: Any, function: _Function, seconds: float) -> Any:
 
 @contextlib.contextmanager
 def _watched(seconds: float) -> Iterator[None]:
-    """End this process after so many seconds, having shown where it was.
+    """End this process after `seconds`, having shown where it was.
 
     A thread in C does it, so that it also works where compiled code hangs and holds Python's lock.
     """

@@ -79,7 +79,7 @@ def main(run: Path, programs: Path, out: Path, params: GenerateParams) -> None:
 
 
 def cages(run: Run, programs: Path, params: GenerateParams) -> tuple[Samples, list[tuple[int, Generated | None]]]:
-    """New cages, with the numbers of their draws; for an arm without cuboids as many entries that are None."""
+    """New cages, with the numbers of their draws; for an arm without cuboids None for each number."""
     if not has_cuboids(run):
         return Samples((), (), {}), [(number, None) for number in range(params.shapes)]
     generator, rng = read_generator(programs).generator, item_rng(params.seed, "cages")

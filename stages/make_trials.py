@@ -57,7 +57,9 @@ def main(raw: Path, shapes: Path, sequences: Path, out: Path, params: TrialsPara
         print(f"{drawn}, {len(made) - len(styled)} other trials; {skipped} left out: too thin")
 
 
-Compared = list[tuple[Trial, dict[str, Mesh]]]  # trials, and what is measured on each beside the unchanged shape
+Compared = list[
+    tuple[Trial, dict[str, Mesh]]
+]  # trials, and by name the surfaces measured on each beside the unchanged one
 
 
 def styled_one(
@@ -120,7 +122,7 @@ def edit_one(
 
 
 def measured(trial: Trial, surfaces: Mapping[str, Mesh], params: TrialsParams) -> list[Row]:
-    """One row a surface, by the name of what gave it."""
+    """One row per surface, by the name of its method."""
     truth = Truth(trial.truth, trial.cage, params.detail)
     rows = []
     for arm, surface in surfaces.items():

@@ -86,7 +86,7 @@ class ModelledShape(ABC):
 
     @abstractmethod
     def extract(self, resolution: int = RESOLUTION) -> Extraction:
-        """The surface in the canonical frame, and what it took; without faces if the network says outside."""
+        """The surface in the canonical frame, and its cost; without faces if the network says outside."""
 
     @property
     def cuboids(self) -> dict[str, Cuboid]:

@@ -34,7 +34,7 @@ class Generator(ABC):
 
     @abstractmethod
     def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-        """Draw `count` times; what is invalid is discarded, not drawn again.
+        """Draw `count` times; invalid draws are discarded, not repeated.
 
         `temperature` scales the normal numbers that a draw is made from; 0 gives the mean.
         """

@@ -1,4 +1,4 @@
-"""Parts that touch stay in contact: what is attached to a changed part follows with the face that is attached.
+"""Parts that touch stay in contact: a part that is attached to a changed one follows with the face that is attached.
 
 The other end of a part that follows stays where it is; a board that is attached across its thickness moves as a whole,
 so that its thickness stays. Parts that still touch as they did, a leg that slides under the seat, are left alone.
@@ -78,7 +78,7 @@ def _apart(cage: Cage) -> Float[ndarray, "p p 3"]:
 
 
 def _pulls(before: Cage, now: Cage, contacts: Contacts, moved: Set[str]) -> dict[str, list[Pull]]:
-    """By part that hasn't moved yet, what it feels of contacts that opened or were pushed into it."""
+    """Pulls on each part that hasn't moved yet, from contacts that opened or were pushed into it."""
     worse = contacts.opened(now) | contacts.pushed(now)
     has_moved = np.isin(now.part_ids, list(moved))
     pulls: dict[str, list[Pull]] = {}
@@ -93,7 +93,7 @@ def _pulls(before: Cage, now: Cage, contacts: Contacts, moved: Set[str]) -> dict
 
 
 def _middle(a: Cuboid, b: Cuboid) -> Float[ndarray, " 3"]:
-    """The middle of what two cuboids that touch have in common, once each is CONTACT longer."""
+    """The middle of the intersection of two cuboids that touch, once each is CONTACT longer."""
     common = _solid(a) ^ _solid(b)
     if common.is_empty():  # they just touch
         return (a.centre + b.centre) / 2

@@ -1,4 +1,4 @@
-"""A shape while someone edits it: the script that leads to it, which is what is saved."""
+"""A shape that is being edited: the script that leads to it, which files keep."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ class Document:
     script: Script
     history: History
     before: "Document | None"  # without the last operation; None at the beginning
-    name: str  # what the user calls what it leads to, in lists and files
+    name: str  # of the shape that it leads to, in lists and files; the user's
 
     @staticmethod
     def opened(shape_id: str, state: State) -> "Document":

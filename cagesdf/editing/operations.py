@@ -154,7 +154,7 @@ def mixed(state: State, operation: Mix, styles: Styles) -> State:
     for part in parts:
         cage = other.cage if part in partners else None
         step = PartStyle(other.latent, cage, partners.get(part, part), weight)
-        # Nothing is left of what a step of weight 1 starts from.
+        # A step of weight 1 replaces all earlier ones.
         before = part_styles.get(part, ()) if weight < 1 else ()
         part_styles[part] = (*before, step)
         source_size = state.cage[part].size

@@ -16,7 +16,7 @@ UNNAMED = "part"
 PATTERN = "*?|"  # characters that mean something in the patterns of `select`
 MAX_NAME = 100  # characters
 SHOWN_NAMES = 40  # parts that a message lists
-# By kind of statement: what it is called, and its numbers in the order of `program.numbers_of`.
+# By kind of statement: its word, and its numbers in the order of `program.numbers_of`.
 NUMBERS: dict[type, tuple[str, tuple[str, ...]]] = {
     Attach: ("attach", ("x1", "y1", "z1", "x2", "y2", "z2")),
     Squeeze: ("squeeze", ("u", "v")),
@@ -84,7 +84,7 @@ def _key(name: str) -> str:
 def select(structure: Structure, pattern: str) -> tuple[str, ...]:
     """Ids of the parts whose id, name or label is `pattern`: * and ? stand for any letters, any letter, | for or.
 
-    What is exactly a part's name means that part alone. Raises InputError if one of the alternatives finds none, with
+    An exact name of a part means that part alone. Raises InputError if one of the alternatives finds none, with
     the names that there are.
     """
     names, labels = part_names(structure), structure.labels()

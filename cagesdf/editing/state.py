@@ -1,4 +1,4 @@
-"""A shape while it is edited, and what it was before."""
+"""A shape that is being edited, and its earlier states."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -39,7 +39,7 @@ class State:
     # By id, for parts whose details keep their size: lengths of the cuboid in which they have it, canonical. There the
     # network is evaluated, and the surface is resized to the part's own cuboid.
     kept: Mapping[str, Float[ndarray, " 3"]] = field(default_factory=dict)
-    # By id of parts of `seen`: what is added to their codes, as `cagesdf fit` finds it for a shape's own parts.
+    # By id of parts of `seen`: residuals that are added to their codes, as `cagesdf fit` gives them.
     residuals: Mapping[str, Float32[ndarray, " k"]] = field(default_factory=dict)
     # By id, for parts that came after `seen`: the part of it whose code they have.
     like: Mapping[str, str] = field(default_factory=dict)

@@ -19,7 +19,7 @@ OWN = tuple(
 def score(predicted: Measured | None, truth: Truth, drawn: Drawn, rng: np.random.Generator) -> dict[str, float]:
     """METRICS of a predicted surface but for those of OWN's truth, and `detail_share` of the true one.
 
-    Draws as many points on the predicted surface as were `drawn` of the true one. `None` is a surface without
+    Draws an equal number of points on the predicted surface as `drawn` has of the true one. `None` is a surface without
     faces: it gets the worst values. Detail is NaN where the true surface has none.
     """
     lost = nowhere(truth.side)

@@ -42,7 +42,7 @@ class Described:
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Some references, as many as there are generated shapes: for figures that are of two sets of one size."""
+    """References, equal in number to the generated shapes: for metrics of two sets of one size."""
 
     rows: Int[ndarray, " k"]  # among the references
     within: Float[ndarray, "k k"]  # squared Chamfer distances between them
@@ -80,7 +80,7 @@ def drawn(reference: Described, count: int, most: int, rng: np.random.Generator)
 
 
 def score(generated: Described, train: Described, reference: Described, draws: Sequence[Draw]) -> Scored:
-    """All figures; those of two sets of one size are means over `draws`, each against as many generated shapes.
+    """All metrics. COV and 1-NNA, which need sets of equal size, are averaged over `draws` of the references.
 
     `reference` must not hold the generated shapes themselves: to score references, leave them out. A figure that
     too few shapes leave undefined is NaN: of one shape FD, KPD, COV and 1-NNA; of none also the distances of

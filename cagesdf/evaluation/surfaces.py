@@ -47,7 +47,7 @@ class Measured:
         return as_manifold(self.mesh)
 
     def iou(self, other: "Measured") -> float:
-        """Volume of the intersection over that of the union, exact; of what isn't closed 0, as it has no volume."""
+        """Volume of the intersection over that of the union, exact; 0 for a surface that isn't closed."""
         if not (self.closed and other.closed):
             return 0.0
         if other is self:  # manifold3d, to whom all faces would lie on others, says up to 1.0025
@@ -126,7 +126,7 @@ def nowhere(side: float) -> Direction:
 def directions(
     predicted: Measured, truth: Truth, drawn: Drawn, rng: np.random.Generator
 ) -> tuple[Direction, Direction]:
-    """From the true surface to the predicted one, and from as many points of that back."""
+    """From points of the true surface to the predicted one, and from an equal number of its points back."""
     points, normals = _sample(predicted, len(drawn.points), rng)
     distance, faces, _ = predicted.distance.closest(drawn.points)
     cosine = np.einsum("ij,ij->i", drawn.normals, predicted.normals[faces])

@@ -60,7 +60,7 @@ def swap_trials(
     """The cuboids of `shape` at rest with the style of `styled`, of its family: `swap`, then `warp`.
 
     Their true surfaces are the recipe's, and the parts of `styled` warped from its cuboids, `styled_rest`, into these:
-    what is right, and what deformation sequences teach. With `parts`, these alone take the style (a mix).
+    the right surface, and the one that deformation sequences teach. With `parts`, these alone take the style (a mix).
     """
     recipe = recipes[shape.shape_id]
     original, other = (in_style(shape, rest, recipe, recipes[name].style) for name in (shape.shape_id, styled.shape_id))

@@ -29,7 +29,7 @@ RAYS = 16, 12  # across the other two axes
 CAP = 0.02  # 1 − n² from which on a face counts as sloping in full (8 degrees from a cap)
 LEAST = 0.1  # factor of a bin, unless the whole axis shrinks more
 SOFTEST = 0.03  # added to all weights, whose mean is 1: a bin without any weight doesn't take everything
-NARROW = 1e-4  # of the axis: what is shorter is spread over this
+NARROW = 1e-4  # of the axis: shorter stretches are spread over this length
 
 EXACT = np.zeros(3)
 

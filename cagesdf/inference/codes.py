@@ -38,7 +38,7 @@ class Inferred:
     """A code and a residual, and how well the decoder fits the shape: mean |sdf error|, in the decoder's unit."""
 
     code: Float[Tensor, " d"]
-    residual: Float[Tensor, "p k"]  # by part, what is added to its code
+    residual: Float[Tensor, "p k"]  # by part, added to its code
     start: int  # the candidate that the code was optimised from
     code_error: float  # with the code alone
     error: float  # with the residual
@@ -60,7 +60,7 @@ def infer(
 
     The best of `candidates`, such as training codes and their mean, are the starts. `groups` are of one cage; their
     latent rows and weights play no part. `decoder` knows cuboids, its parameters are without gradients; errors are in
-    its unit, clamped as in its training. What is found is no worse than the best start, and than the code alone; the
+    its unit, clamped as in its training. The result is no worse than the best start, and than the code alone; the
     candidates' order plays no part but for ties.
     """
     generator = torch.Generator().manual_seed(seed)

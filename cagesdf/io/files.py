@@ -17,7 +17,7 @@ def check_folder(out: Path) -> None:
 
 @contextmanager
 def replacing(out: Path) -> Iterator[Path]:
-    """A path beside `out`, which takes its place once what is written there is whole."""
+    """A path beside `out`, which takes its place once its content is whole."""
     partial = out.with_name(f".partial-{out.name}")
     try:
         yield partial
@@ -28,7 +28,7 @@ def replacing(out: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
-    """A folder beside `out`, which gets its name once what is written there is whole."""
+    """A folder beside `out`, which gets its name once its content is whole."""
     with TemporaryDirectory(prefix=".partial-", dir=out.resolve().parent) as beside:
         folder = Path(beside) / "new"
         folder.mkdir()

@@ -181,7 +181,7 @@ def _of_points(totals: _Totals, rows: int) -> list[str]:
 
 
 def _counts(counts: Counter[tuple[str | int, ...]], what: str) -> str:
-    """Each count where there are few, else their range."""
+    """Each count if there are few, otherwise their range."""
     if len(counts) <= FEW:
         return "points: " + ", ".join(f"{' '.join(map(str, key))}: {count:,}" for key, count in sorted(counts.items()))
     values = np.array(list(counts.values()))

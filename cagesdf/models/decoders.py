@@ -26,7 +26,7 @@ TrainsOn = Literal["part", "cage", "cube"]
 
 
 class Decoder(nn.Module, ABC):
-    """A network in four steps: the codes of a cage's parts, what groups need once, what is given of points, layers."""
+    """A network in four steps: codes of a cage's parts, conditions of groups, features of points, layers."""
 
     trains_on: ClassVar[TrainsOn]
     trusted: ClassVar[float] = OUTSIDE  # largest value that is a distance, in the decoder's unit; beyond, a sign alone

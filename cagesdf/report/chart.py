@@ -14,7 +14,7 @@ Curve = Sequence[tuple[int | float, float]]  # (step, loss), (million points, di
 
 
 def log_chart(curves: Mapping[str, Curve], label: str) -> str:
-    """An SVG element with one curve a name, its height on a logarithmic axis; `label` says what is drawn.
+    """An SVG element with one curve per name, its height on a logarithmic axis; `label` is its title.
 
     Heights that aren't between DRAWABLE are left out: zero, negative, diverged. No curve gives an
     empty text.

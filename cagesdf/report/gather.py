@@ -185,7 +185,7 @@ def part_colours(shape: Shape) -> tuple[str, ...]:
 
 
 def _by_coverage(arms: Mapping[str, SurfaceFolder], ids: Sequence[str]) -> list[str]:
-    """The shapes whose rest shape has been reconstructed by as many arms as any."""
+    """The shapes whose rest shape the largest number of arms has reconstructed."""
     counts = {shape_id: sum((shape_id, 0) in surfaces.rows for surfaces in arms.values()) for shape_id in ids}
     return [shape_id for shape_id, number in counts.items() if number == max(counts.values())]
 

@@ -46,7 +46,7 @@ def write_page(
 ) -> None:
     """Write the page for the tables of `evaluation.tables` and these categories, and `views/` beside it.
 
-    Pictures are `size` pixels square, drawn by as many `processes`. A missing category or arm leaves its place out.
+    Pictures are `size` pixels square, drawn by this number of `processes`. Missing categories and arms are left out.
     """
     named = [(f"{category.name}-{kind}", getattr(category, kind)) for category in categories for kind in GRIDS]
     grids = [grid for _, grid in named]

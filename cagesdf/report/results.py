@@ -155,7 +155,7 @@ def gains(tables: Tables, kinds: Mapping[str, str]) -> str:
 
 
 def generation(tables: Tables) -> str:
-    """Table 3: FD and Cov of new shapes, and of as many true ones."""
+    """Table 3: FD and Cov of new shapes, and of an equal number of true ones."""
     names = _categories(tables)
     methods = {
         name: {(each["arm"], each["method"]): each for each in tables["table3"]["categories"][name]["methods"]}

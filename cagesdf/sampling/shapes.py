@@ -123,7 +123,7 @@ def weight_bound(distance: Float[ndarray, " n"], radius: Float[ndarray, " n"], b
 def rounded_up(bounds: Float[ndarray, " n"]) -> Float[ndarray, " n"]:
     """The least numbers of BOUND_BITS binary digits that are no smaller.
 
-    Exponentials differ in their last digit from one kind of processor to another, and these decide what is drawn.
+    Exponentials differ in their last digit from one kind of processor to another, and these choose the points.
     """
     mantissa, exponent = np.frexp(bounds)
     return np.ldexp(np.ceil(mantissa * 2.0**BOUND_BITS) / 2.0**BOUND_BITS, exponent)

@@ -12,7 +12,7 @@ Real = Union[float, int, "DualNumber"]
 class DualNumber:
     """A value and its derivative by each parameter. Comparisons look at the value alone.
 
-    What is multiplied by an exact 0 becomes the number 0, by an exact 1 itself: most axes of a
+    Multiplied by an exact 0 it becomes the number 0, by an exact 1 it stays itself: most axes of a
     program's cuboids are upright, and their zeros and ones then cost nothing.
     """
 

@@ -20,7 +20,7 @@ from cagesdf.models.latents import SHARED, LatentTable
 
 @dataclass(frozen=True, eq=False)
 class Cages:
-    """The cages of deformed shapes, beside each other: as many places for parts as the largest has."""
+    """The cages of deformed shapes, side by side, padded to the parts of the largest."""
 
     cuboids: Float[Tensor, "s p 15"]  # canonical; places without a part hold a unit cube
     present: Bool[Tensor, "s p"]  # the places that have a part
@@ -97,7 +97,7 @@ _BY_GROUP = ("points", "sdf", "weight", "shape", "part")
 
 
 class Batches(ABC):
-    """The batch of each step: a function of the step, not of what was asked before."""
+    """The batch of each step: a function of the step, not of earlier calls."""
 
     @abstractmethod
     def at(self, step: int) -> Batch:
@@ -252,7 +252,7 @@ def training_set(chunks: PointChunks, sequences: Mapping[str, Sequence], latents
 def bundled(owner: Int[ndarray, " c"], bundle: int, rng: np.random.Generator) -> Int[ndarray, " c"]:
     """Positions of all groups in a random order in which `bundle` of one owner follow each other.
 
-    An owner's last bundle has what is left. With bundles of one group it is any permutation.
+    An owner's last bundle has the remaining groups. With bundles of one group it is any permutation.
     """
     order = rng.permutation(len(owner))
     order = order[np.argsort(owner[order], kind="stable")]

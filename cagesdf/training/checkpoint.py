@@ -35,7 +35,7 @@ class Checkpoint:
         self._write(self.path, tensors, {KEY: json.dumps({"version": VERSION, **facts}, sort_keys=True)})
 
     def keep(self, steps: int, tensors: Mapping[str, Tensor]) -> None:
-        """Put aside what was trained after so many steps."""
+        """Write a snapshot of the weights after `steps` steps."""
         self._write(self.folder / f"{steps:08d}{SNAPSHOT}", tensors, {})
 
     def kept(self) -> dict[int, dict[str, Tensor]]:

@@ -97,7 +97,7 @@ class Gradients:
 
 
 def _add(parameter: Tensor, gradient: Tensor | None) -> None:
-    """Gradients of what makes codes come later, from all slices together."""
+    """Add a gradient to a parameter's; None for parameters that only make codes, whose gradients come last."""
     if gradient is None:
         return
     if parameter.grad is None:
@@ -107,7 +107,7 @@ def _add(parameter: Tensor, gradient: Tensor | None) -> None:
 
 
 def slices(groups: int, most: int) -> list[slice]:
-    """So many groups in as few equal runs, as nearly as can be, of at most `most`."""
+    """The fewest runs of nearly equal length, each at most `most`, that cover `groups` groups."""
     count = -(-groups // most)
     ends = [groups * i // count for i in range(count + 1)] if count else []
     return [slice(start, stop) for start, stop in pairwise(ends)]
@@ -115,7 +115,7 @@ def slices(groups: int, most: int) -> list[slice]:
 
 @contextmanager
 def slice_threads() -> Iterator[tuple[ThreadPoolExecutor, int]]:
-    """Threads to help this one, and how many they are with it: as many as torch would use for one operation.
+    """Helper threads, and their number with this one: the number that torch would use for one operation.
 
     Meanwhile each operation has one thread: operations are short, and threads that share one wait for each
     other at its end, on a busy machine many times as long as it takes.

@@ -19,7 +19,7 @@ from cagesdf.training.gradients import Gradients, slice_threads
 from cagesdf.training.losses import latent_penalty
 from cagesdf.training.precision import Precision
 
-Learnt = list[tuple[str, nn.Parameter]]  # what is trained, by name
+Learnt = list[tuple[str, nn.Parameter]]  # trained parameters, by name
 
 DIVERGED = 10  # times the loss of the log's first row; learning only lowers it
 

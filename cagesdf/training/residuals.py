@@ -47,7 +47,7 @@ def rest_residuals(
 
 
 def _wanted(chunks: PointChunks, left: dict[str, int]) -> PointChunks:
-    """Chunks at rest, of each shape no more than are left; these are counted off."""
+    """Chunks at rest, at most `left` of each shape; these are counted off."""
     rows = []
     for row in np.flatnonzero(chunks.step == 0).tolist():
         shape_id = chunks.shape_ids[chunks.shape_id[row]]
