@@ -1,12 +1,12 @@
 """Choice of the points of a cuboid's lattice at which the network is evaluated."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from operator import add
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 from numpy import ndarray
 
 from cagesdf.extraction.lattice import Lattice
@@ -21,6 +21,7 @@ BEND = 1.0
 # A point on a face counts as inside where the surface ends before it by no more than this, in the shortest steps: parts
 # that fill their cuboids end there, and rounding would chamfer their edges by a cell.
 FILLED = 0.05
+SLAB = 16_384  # points of a sublattice that are settled at once: they fit into the processor's cache
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
 POSITIVE = np.float32(1)  # value beyond the faces
 
@@ -51,7 +52,9 @@ def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
 
 def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
     """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
-    on_face = ((places == 0) | (places == lattice.cells)).any(axis=1)
+    on_face = np.zeros(len(places), bool)
+    for column, cells in zip(places.T, lattice.cells):
+        on_face |= (column == 0) | (column == cells)
     return ask(places) - np.float32(FILLED * lattice.steps.min()) * on_face
 
 
@@ -71,11 +74,18 @@ def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
     bound[:] = 0  # at most the value's size, with its sign; 0: nothing is known
     asked[:] = False
     for strides, first in sublattices(first_strides(lattice, reach)):
-        settle(bound, strides, first, lattice.steps)
-        places = np.argwhere(_every(bound, strides, first) == 0) * strides + first
-        where = tuple(places.T)
-        bound[where] = answered(ask, lattice, places)
-        asked[where] = True
+        target = settled(bound, strides, first, lattice.steps)
+        open_points = target == 0
+        _every(asked, strides, first)[...] = open_points
+        flat = np.flatnonzero(open_points)
+        places = np.array(
+            [
+                index * stride + start
+                for index, stride, start in zip(np.unravel_index(flat, target.shape), strides, first)
+            ]
+        ).T
+        target.reshape(-1)[flat] = answered(ask, lattice, places)
+        _every(bound, strides, first)[...] = target
     follow(ask, lattice, values, known)
     return Answers(values, int(np.count_nonzero(asked)))
 
@@ -107,38 +117,84 @@ def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
         strides = tuple(max(1, stride // 2) for stride in strides)
 
 
-def settle(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"]) -> None:
-    """Carry bounds to a sublattice from the points around it, which lie on earlier ones.
+def settled(
+    bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"]
+) -> Float32[ndarray, "a b c"]:
+    """Bounds of a sublattice from the points around it, which lie on earlier ones; 0 where nothing is settled.
 
     A neighbour's bound less what the distance to it may take; on the last halving, along each axis where points lie
-    halfway, also the mean of two neighbours of one sign, less BEND steps. The farthest from 0 is kept.
+    halfway, also the mean of both neighbours, less BEND steps. The farthest from 0 is kept.
     """
-    target = _every(bound, strides, first)
-    high, low = np.zeros(target.shape, np.float32), np.zeros(target.shape, np.float32)
-    for signs in product(*((-1, 0, 1) if start else (0,) for start in first)):
-        if not any(signs) or (max(strides) == 2 and np.count_nonzero(signs) > 1):
-            continue  # on the last halving, which costs most, along the axes alone: a twentieth more points is asked
-        offset = [sign * stride // 2 for sign, stride in zip(signs, strides)]
-        source = _every(bound, strides, tuple(map(add, first, offset)))[tuple(map(slice, target.shape))]
-        part, loss = tuple(map(slice, source.shape)), np.float32(LIPSCHITZ * np.linalg.norm(offset * steps))
-        np.maximum(high[part], source - loss, out=high[part])
-        np.minimum(low[part], source + loss, out=low[part])
-    for axis in (k for k in range(3) if strides[k] == 2 and first[k] == 1):
-        below, above = (
-            _every(bound, strides, tuple(start + offset * (k == axis) for k, start in enumerate(first)))
-            for offset in (-1, 1)
-        )
-        part = tuple(map(slice, above.shape))
-        below, loss = below[part], np.float32(BEND * steps[axis])
-        mean, agree = (below + above) / 2, below * above > 0
-        np.maximum(high[part], mean - loss, out=high[part], where=agree)
-        np.minimum(low[part], mean + loss, out=low[part], where=agree)
-    target[...] = np.where(high > -low, high, low)
+    shape = _every(bound, strides, first).shape
+    result = np.empty(shape, np.float32)
+    for start in range(0, shape[0], height := max(1, SLAB // max(1, shape[1] * shape[2]))):
+        slab = result[start : start + height]
+        moved = (first[0] + start * strides[0], *first[1:])
+        carry = _carried_along if max(strides) == 2 else _carried_around
+        high, low = carry(bound, strides, moved, steps, slab.shape)
+        slab[...] = np.where(high > -low, high, low)
+    return result
 
 
-def _every(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple) -> Float32[ndarray, "a b c"]:
+def _carried_around(
+    bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"], shape: Triple
+) -> tuple[Float32[ndarray, "a b c"], Float32[ndarray, "a b c"]]:
+    """The highest and lowest bounds, at least and at most 0, from all neighbours of some points of a sublattice."""
+    high, low = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    for signs in product(*((-1, 0, 1) if start else (0,) for start in halfway(strides, first))):
+        if any(signs):
+            offset = [sign * stride // 2 for sign, stride in zip(signs, strides)]
+            source, loss = _beside(bound, strides, first, offset, shape), LIPSCHITZ * np.linalg.norm(offset * steps)
+            np.maximum(high, source - np.float32(loss), out=high)
+            np.minimum(low, source + np.float32(loss), out=low)
+    return high, low
+
+
+def _carried_along(
+    bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"], shape: Triple
+) -> tuple[Float32[ndarray, "a b c"], Float32[ndarray, "a b c"]]:
+    """The same for the last halving, which costs most: of neighbours along the axes alone, and of their means.
+
+    A twentieth more points is evaluated than with all neighbours. A mean of two signs counts for nothing: where it is
+    beyond BEND steps, the larger value alone says more, since LIPSCHITZ is at most 2 BEND.
+    """
+    high, low = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    buffer = np.empty(shape, np.float32)
+    for axis in (k for k, start in enumerate(halfway(strides, first)) if start):
+        offset = np.eye(3, dtype=int)[axis]
+        below, above = (_beside(bound, strides, first, (side * offset).tolist(), shape) for side in (-1, 1))
+        loss, bend = np.float32(LIPSCHITZ * steps[axis]), np.float32(BEND * steps[axis])
+        np.maximum(high, np.subtract(np.maximum(below, above, out=buffer), loss, out=buffer), out=high)
+        np.minimum(low, np.add(np.minimum(below, above, out=buffer), loss, out=buffer), out=low)
+        mean = np.multiply(np.add(below, above, out=below), np.float32(0.5), out=below)
+        np.maximum(high, np.subtract(mean, bend, out=buffer), out=high)
+        np.minimum(low, np.add(mean, bend, out=buffer), out=low)
+    return high, low
+
+
+def halfway(strides: Triple, first: Triple) -> Triple:
+    """For each axis, whether the points of a sublattice lie halfway between those of earlier ones."""
+    return tuple(start % stride for stride, start in zip(strides, first))
+
+
+def _beside(
+    bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, offset: Sequence[int], shape: Triple
+) -> Float32[ndarray, "a b c"]:
+    """A copy of the bounds of the points at `offset` from a sublattice's first `shape`; 0 beyond the lattice.
+
+    Copies are contiguous: arithmetic on every second number takes several times as long.
+    """
+    source = _every(bound, strides, tuple(map(add, first, offset)))[tuple(map(slice, shape))]
+    if source.shape == shape:
+        return np.ascontiguousarray(source)
+    beside = np.zeros(shape, np.float32)
+    beside[tuple(map(slice, source.shape))] = source
+    return beside
+
+
+def _every(array: Shaped[ndarray, "r s t"], strides: Triple, first: Triple) -> Shaped[ndarray, "a b c"]:
     """A view of the points at `strides` along each axis, from `first` on."""
-    return bound[tuple(map(slice, first, bound.shape, strides))]
+    return array[tuple(map(slice, first, array.shape, strides))]
 
 
 def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]) -> None:
@@ -152,7 +208,7 @@ def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known:
     _, s, t = values.shape
     around = np.array([s * t, -s * t, t, -t, 1, -1])
     while len(pending):
-        places = np.stack(np.unravel_index(pending, values.shape), axis=1) - 1
+        places = np.array(np.unravel_index(pending, values.shape)).T - 1
         flat[pending] = answered(ask, lattice, places)
         asked[pending] = True
         changed = pending[signs[pending] != (flat[pending] < 0)]
