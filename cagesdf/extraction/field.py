@@ -38,6 +38,12 @@ class CageField:
         self.evaluated = cage if evaluated is None else evaluated
         self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and the conditioning of the layers
 
+    def unplaced(self) -> "CageField":
+        """The same field of cuboids at the origin, if its parts move with their cuboids; otherwise the field itself."""
+        if self.decoder.trains_on != "part":
+            return self
+        return CageField(self.decoder, self.codes, self.cage.at_origin(), self.evaluated.at_origin())
+
     def keys(self) -> tuple[bytes, ...]:
         """A key for each cuboid: everything that determines its values, except the decoder."""
         codes, cuboids = self.codes.cpu().numpy(), np.hstack([self.cage.vectors(), self.evaluated.size])
