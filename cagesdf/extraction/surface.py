@@ -108,10 +108,9 @@ class LiveSurface:
         answers = self.each(lambda k: part_of(unplaced, k, self.cell, self.fineness, self.method), unknown.values())
         new = dict(zip(unknown, answers))
         known |= new
-        elsewhere = {keys[k]: k for k in order if keys[k] not in known}
-        cuboids = [*field.cage.cuboids().values()]
-        moved = self.each(lambda k: known[unplaced_keys[k]].moved(cuboids[k]), elsewhere.values())
-        known = known | dict(zip(elsewhere, moved))
+        for key, unplaced_key, part_id in zip(keys, unplaced_keys, field.cage.part_ids):
+            if key not in known:
+                known[key] = known[unplaced_key].moved(field.cage[part_id])
         parts = [known[key] for key in keys]
         self._before, self._last = self._last, {key: known[key] for key in (*keys, *unplaced_keys)}
         return self._finished(field.cage, keys, parts, sum(part.asked for part in new.values()))
