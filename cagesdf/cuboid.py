@@ -86,6 +86,11 @@ class Cage:
         """All cuboids taken through a similarity."""
         return Cage.of({part_id: cuboid.transformed(similarity) for part_id, cuboid in self.cuboids().items()})
 
+    def at_origin(self) -> "Cage":
+        """Cuboids of the same lengths, each centred at the origin with its axes along the frame's."""
+        count = len(self)
+        return Cage(self.part_ids, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), self.size)
+
     def __len__(self) -> int:
         return len(self.part_ids)
 

@@ -7,6 +7,7 @@ flat faces and sharp edges, and nothing lies outside. The shape is the exact uni
 lattice.py    the points of a cuboid
 field.py      a decoder with a cage and the codes of its parts
 asking.py     sparse or dense
+table.py      triangles of a cell for each sign of its corners
 marching.py   a surface from values, its vertices moved to the zero set
 merging.py    fewer vertices where it is nearly flat
 part.py       the closed solid of a part

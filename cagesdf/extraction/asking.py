@@ -3,10 +3,9 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from operator import add
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 from numpy import ndarray
 
 from cagesdf.extraction.lattice import Lattice
@@ -14,10 +13,12 @@ from cagesdf.extraction.lattice import Lattice
 # abs(value) / LIPSCHITZ bounds the distance to the surface. 1 would do for an exact SDF; the rest leaves room for
 # networks that are steeper.
 LIPSCHITZ = 1.5
-# Between two neighbours of one sign on the last halving along an axis, the value counts as at most this much
-# nearer to 0 than their mean, in steps between points: as if the slope changed by no more than twice that.
-# With half of it pieces were lost (docs/log.md).
+# Between points on the last halving, the value counts as at most this much nearer to 0 than their mean, times the
+# distance to them: as if the slope changed by no more than twice that. With half of it pieces were lost (docs/log.md).
 BEND = 1.0
+# Before the last halving, points whose bound is no more than this, in steps of the next halving, are evaluated too:
+# it would settle nothing there.
+WEAK = 1.0
 # A point on a face counts as inside where the surface ends before it by no more than this, in the shortest steps: parts
 # that fill their cuboids end there, and rounding would chamfer their edges by a cell.
 FILLED = 0.05
@@ -51,7 +52,9 @@ def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
 
 def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
     """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
-    on_face = ((places == 0) | (places == lattice.cells)).any(axis=1)
+    on_face = np.zeros(len(places), bool)
+    for column, cells in zip(places.T, lattice.cells):
+        on_face |= (column == 0) | (column == cells)
     return ask(places) - np.float32(FILLED * lattice.steps.min()) * on_face
 
 
@@ -60,31 +63,39 @@ def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
 
     The lattice is halved again and again, along each axis so often that its coarsest steps are about as long as what a
     value can settle. A point of it is asked unless an earlier one has settled it: a value v says that the surface is no
-    nearer than |v| / LIPSCHITZ. The last halving, most of the points, also concludes from two sides. So for a field
+    nearer than |v| / LIPSCHITZ. The last halving, most of the points, also concludes from both sides. So for a field
     that is no steeper, only tips and sheets thinner than a cell are overlooked, which asking everywhere finds by
     chance. Wherever the surface is met, it is followed to its end, however steep the network, and no value at
     the surface is ever a guess.
     """
     values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
     known = np.ones(values.shape, bool)  # asked, or beyond the faces
-    bound, asked = values[INNER], known[INNER]
+    bound = values[INNER]
     bound[:] = 0  # at most the value's size, with its sign; 0: nothing is known
-    asked[:] = False
-    for strides, first in sublattices(first_strides(lattice, reach)):
-        settle(bound, strides, first, lattice.steps)
-        places = np.argwhere(_every(bound, strides, first) == 0) * strides + first
-        where = tuple(places.T)
-        bound[where] = answered(ask, lattice, places)
-        asked[where] = True
+    known[INNER] = False
+    for strides, firsts in halvings(first_strides(lattice, reach)):
+        unsettled = list[Int[ndarray, "3 n"]]()
+        for first in firsts:
+            target = settled(bound, strides, first, lattice.steps)
+            _every(bound, strides, first)[...] = target
+            indices = np.unravel_index(np.flatnonzero(target == 0), target.shape)
+            unsettled.append(np.array([i * stride + k for i, stride, k in zip(indices, strides, first)]))
+        places = np.concatenate(unsettled, axis=1)
+        flat = np.ravel_multi_index(tuple(places + 1), values.shape)
+        values.reshape(-1)[flat] = answered(ask, lattice, places.T)
+        known.reshape(-1)[flat] = True
     follow(ask, lattice, values, known)
-    return Answers(values, int(np.count_nonzero(asked)))
+    return Answers(values, int(np.count_nonzero(known[INNER])))
 
 
 METHODS: dict[str, Method] = {"sparse": ask_sparsely, "dense": ask_densely}
 
 
 def first_strides(lattice: Lattice, reach: float) -> Triple:
-    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is."""
+    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is.
+
+    It must be able to settle the middle of a cell of them.
+    """
     strides = []
     for step, cells in zip(lattice.steps.tolist(), lattice.cells.tolist()):
         stride = 1
@@ -94,51 +105,52 @@ def first_strides(lattice: Lattice, reach: float) -> Triple:
     return tuple(strides)
 
 
-def sublattices(strides: Triple) -> Iterator[tuple[Triple, Triple]]:
-    """Strides and first point of sublattices that have each point once: all multiples, then points halfway between.
+def halvings(strides: Triple) -> Iterator[tuple[Triple, list[Triple]]]:
+    """Strides and first points of sublattices that have each point once: all multiples, then those halfway between.
 
-    Of the points halfway along one, two or three axes, the former come first: they settle some of the latter.
+    The latter, halving by halving: of points halfway along one, two or three axes.
     """
-    yield strides, (0, 0, 0)
+    yield strides, [(0, 0, 0)]
     while max(strides) > 1:
         halfway = product(*((0, stride // 2) if stride > 1 else (0,) for stride in strides))
-        for first in sorted(halfway, key=np.count_nonzero)[1:]:
-            yield strides, first
+        yield strides, [first for first in halfway if any(first)]
         strides = tuple(max(1, stride // 2) for stride in strides)
 
 
-def settle(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"]) -> None:
-    """Carry bounds to a sublattice from the points around it, which lie on earlier ones.
+def settled(
+    bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple, steps: Float[ndarray, " 3"]
+) -> Float32[ndarray, "a b c"]:
+    """Bounds of a sublattice from the points at `strides` around each of its points; 0 where nothing is settled.
 
-    A neighbour's bound less what the distance to it may take; on the last halving, along each axis where points lie
-    halfway, also the mean of two neighbours of one sign, less BEND steps. The farthest from 0 is kept.
+    The bound of a point around it less what the distance to it may take, if that is not WEAK; on the last halving also
+    the mean of all around it, less BEND times that distance. The farthest from 0 is kept. Beyond the lattice nothing is
+    known.
     """
-    target = _every(bound, strides, first)
-    high, low = np.zeros(target.shape, np.float32), np.zeros(target.shape, np.float32)
-    for signs in product(*((-1, 0, 1) if start else (0,) for start in first)):
-        if not any(signs) or (max(strides) == 2 and np.count_nonzero(signs) > 1):
-            continue  # on the last halving, which costs most, along the axes alone: a twentieth more points is asked
-        offset = [sign * stride // 2 for sign, stride in zip(signs, strides)]
-        source = _every(bound, strides, tuple(map(add, first, offset)))[tuple(map(slice, target.shape))]
-        part, loss = tuple(map(slice, source.shape)), np.float32(LIPSCHITZ * np.linalg.norm(offset * steps))
-        np.maximum(high[part], source - loss, out=high[part])
-        np.minimum(low[part], source + loss, out=low[part])
-    for axis in (k for k in range(3) if strides[k] == 2 and first[k] == 1):
-        below, above = (
-            _every(bound, strides, tuple(start + offset * (k == axis) for k, start in enumerate(first)))
-            for offset in (-1, 1)
-        )
-        part = tuple(map(slice, above.shape))
-        below, loss = below[part], np.float32(BEND * steps[axis])
-        mean, agree = (below + above) / 2, below * above > 0
-        np.maximum(high[part], mean - loss, out=high[part], where=agree)
-        np.minimum(low[part], mean + loss, out=low[part], where=agree)
-    target[...] = np.where(high > -low, high, low)
+    halved = [axis for axis in range(3) if first[axis]]
+    shape = [count + (axis in halved) for axis, count in enumerate(_every(bound, strides, first).shape)]
+    total = np.zeros(shape, np.float32)  # contiguous: arithmetic on every second number takes several times as long
+    coarse = _every(bound, strides, (0, 0, 0))[tuple(map(slice, shape))]
+    total[tuple(map(slice, coarse.shape))] = coarse
+    high = low = total
+    for axis in halved:
+        below, above = (slice(None),) * axis + (slice(None, -1),), (slice(None),) * axis + (slice(1, None),)
+        total = total[below] + total[above]
+        high, low = np.maximum(high[below], high[above]), np.minimum(low[below], low[above])
+    distance = np.linalg.norm(first * steps)
+    loss, bend = np.float32(LIPSCHITZ * distance), np.float32(BEND * distance)
+    high, low = np.maximum(high - loss, 0), np.minimum(low + loss, 0)
+    if max(strides) > 2:
+        weak = WEAK * max(strides) / 4 * steps.max()
+        high, low = high * (high > weak), low * (low < -weak)
+    else:
+        mean = total * np.float32(0.5 ** len(halved))
+        high, low = np.maximum(high, mean - bend), np.minimum(low, mean + bend)
+    return np.where(high > -low, high, low)
 
 
-def _every(bound: Float32[ndarray, "r s t"], strides: Triple, first: Triple) -> Float32[ndarray, "a b c"]:
+def _every(array: Shaped[ndarray, "r s t"], strides: Triple, first: Triple) -> Shaped[ndarray, "a b c"]:
     """A view of the points at `strides` along each axis, from `first` on."""
-    return bound[tuple(map(slice, first, bound.shape, strides))]
+    return array[tuple(map(slice, first, array.shape, strides))]
 
 
 def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]) -> None:
@@ -152,7 +164,7 @@ def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known:
     _, s, t = values.shape
     around = np.array([s * t, -s * t, t, -t, 1, -1])
     while len(pending):
-        places = np.stack(np.unravel_index(pending, values.shape), axis=1) - 1
+        places = np.array(np.unravel_index(pending, values.shape)).T - 1
         flat[pending] = answered(ask, lattice, places)
         asked[pending] = True
         changed = pending[signs[pending] != (flat[pending] < 0)]

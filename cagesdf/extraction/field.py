@@ -15,7 +15,7 @@ from cagesdf.frames import HALF_EXTENT
 from cagesdf.models.codes import part_codes
 from cagesdf.models.decoders import Decoder
 
-GROUP = 960  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
+GROUP = 1920  # points that go through the network together, a multiple of ROWS: their layers fit into the cache
 ROWS = 96  # numbers of points are rounded up to multiples: libraries compute incomplete blocks otherwise
 # The cage of decoders that don't know cuboids.
 CUBE = Cage.of({"shape": Cuboid(np.zeros(3), np.eye(3), np.full(3, 2 * HALF_EXTENT))})
@@ -37,6 +37,12 @@ class CageField:
         self.cage = cage
         self.evaluated = cage if evaluated is None else evaluated
         self._given: dict[int, tuple[Tensor, Tensor]] = {}  # by cuboid, its vector and the conditioning of the layers
+
+    def unplaced(self) -> "CageField":
+        """The same field of cuboids at the origin, if its parts move with their cuboids; otherwise the field itself."""
+        if self.decoder.trains_on != "part":
+            return self
+        return CageField(self.decoder, self.codes, self.cage.at_origin(), self.evaluated.at_origin())
 
     def keys(self) -> tuple[bytes, ...]:
         """A key for each cuboid: everything that determines its values, except the decoder."""
@@ -74,8 +80,8 @@ class CageField:
     def _values(
         self, at: Callable[[Tensor], Float[Tensor, " n"]], places: Num[ndarray, "n 3"], cuboid: int
     ) -> Float32[ndarray, " n"]:
-        padded = np.zeros((-(-len(places) // ROWS) * ROWS, 3), places.dtype)
-        padded[: len(places)] = places
+        rest = np.zeros_like(places, shape=(-len(places) % ROWS, 3))
+        padded = np.concatenate([places, rest])
         groups = torch.from_numpy(padded).to(self.codes.device).split(GROUP)
         values = torch.cat([at(group) for group in groups]).cpu().numpy()[: len(places)]
         if not np.isfinite(values).all():

@@ -46,3 +46,8 @@ class Lattice:
         x, y, z = ((indices / self.cells - 0.5) * self.cuboid.size).T[:, :, None]
         a, b, c = self.cuboid.axes
         return x * a + y * b + z * c + self.cuboid.centre
+
+
+def strides_of(shape: tuple[int, ...]) -> Int[ndarray, " 3"]:
+    """Differences of the flat indices of neighbours along each axis, in an array of three axes."""
+    return np.array([shape[1] * shape[2], shape[2], 1])

@@ -5,6 +5,8 @@ Here the vertices around one point of the lattice, or of every second one, becom
 faces form a nearly flat disc. The surface's topology stays: discs shrink to points.
 """
 
+from math import prod
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
@@ -28,14 +30,16 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
     owner = np.arange(count, dtype=np.int32)  # for each vertex, the one that stands for it
     for stride in STRIDES:
         members = np.flatnonzero(free)
-        nodes = np.floor(marched.places[members] / stride + 0.5).astype(np.int64)
-        keys = np.ravel_multi_index(tuple(nodes.T), tuple((lattice.cells // stride + 2).tolist()))
-        _, first, cluster = np.unique(keys, return_index=True, return_inverse=True)
+        nodes = np.floor(marched.places[members] / stride + 0.5).astype(np.int32)
+        shape = tuple((lattice.cells // stride + 2).tolist())
+        keys = np.ravel_multi_index(tuple(nodes.T), shape)
+        first_at = np.empty(prod(shape), np.int32)  # for each point, the first vertex around it
+        first_at[keys[::-1]] = members[::-1]
         label = np.full(count, -1, np.int32)
-        label[members] = cluster
-        flat = flat_discs(label[corners], np.bincount(cluster), normals[:, members], cluster, stride)[cluster]
-        owner[members[flat]] = members[first[cluster[flat]]]
-        free[members[flat]] = False
+        label[members] = first_at[keys]
+        flat = members[flat_discs(label, corners, normals, stride)[label[members]]]
+        owner[flat] = label[flat]
+        free[flat] = False
     return _joined(marched, corners, owner)
 
 
@@ -54,23 +58,23 @@ def normal_sums(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, "3 f"]) -
 
 
 def flat_discs(
-    labels: Int[ndarray, "3 f"],
-    sizes: Int[ndarray, " c"],
-    normals: Float[ndarray, "4 m"],
-    cluster: Int[ndarray, " m"],
-    stride: int,
-) -> Bool[ndarray, " c"]:
-    """Whether each cluster of vertices is a disc (its Euler number is 1) of nearly one normal.
+    labels: Int[ndarray, " v"], corners: Int[ndarray, "3 f"], normals: Float[ndarray, "4 v"], stride: int
+) -> Bool[ndarray, " v"]:
+    """Whether each cluster of vertices is a disc (its Euler number is 1) of nearly one normal, by its label.
 
-    On a cylinder whose chords between clusters sag by SAG, normals of a cluster and the faces around it are spread
-    evenly over an angle; the length of their mean says how wide it is.
+    The label is the number of one of its vertices; −1: of none. On a cylinder whose chords between clusters sag by SAG,
+    normals of a cluster and the faces around it are spread evenly over an angle; the length of their mean says how wide
+    it is.
     """
-    a, b, c = labels
+    count = len(labels)
+    a, b, c = labels[corners]
     ab, bc, ca = (a == b) & (a >= 0), (b == c) & (b >= 0), (c == a) & (c >= 0)
-    count = len(sizes)
-    edges = sum(np.bincount(one[same], minlength=count) for one, same in ((a, ab), (b, bc), (c, ca))) // 2
+    members = np.flatnonzero(labels >= 0)
+    cluster = labels[members]
+    sizes = np.bincount(cluster, minlength=count)
+    edges = np.bincount(np.concatenate([a[ab], b[bc], c[ca]]), minlength=count) // 2
     disc = sizes - edges + np.bincount(a[ab & bc], minlength=count) == 1
-    x, y, z, area = (np.bincount(cluster, row, count) for row in normals)
+    x, y, z, area = (np.bincount(cluster, row[members], count) for row in normals)
     spread = 8 * SAG / stride**2 * (stride + 1.5)  # radians
     least = max(0.0, 1 - spread**2 / 24)
     return disc & (sizes > 1) & (x * x + y * y + z * z > (least * area) ** 2)
@@ -102,6 +106,7 @@ def _between(corners: Int[ndarray, "3 f"], owner: Int[ndarray, " v"]) -> Int[nda
 
 def _edges_that_come_twice(faces: Int[ndarray, "3 f"], count: int) -> Int[ndarray, " e"]:
     """Edges of a closed surface with more than two faces, as tail · count + head."""
-    tail, head = faces.astype(np.int64), np.roll(faces, -1, axis=0)
-    edges = np.sort((tail * count + head)[tail < head])
+    a, b, c = faces
+    tails_up = ((tail[tail < head], head[tail < head]) for tail, head in ((a, b), (b, c), (c, a)))
+    edges = np.sort(np.concatenate([tail.astype(np.int64) * count + head for tail, head in tails_up]))
     return edges[1:][edges[1:] == edges[:-1]]

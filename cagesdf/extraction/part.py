@@ -1,12 +1,12 @@
 """The closed solid of one part, from a field and one of its cuboids."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from manifold3d import Manifold
 
-from cagesdf.cuboid import Cage
+from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.extraction.asking import Method
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
@@ -45,6 +45,13 @@ class Part:
     vertices: int  # of marching cubes
     clipped: int  # of them on the cuboid's faces where the network would go on
     asked: int  # points given to the network
+
+    def moved(self, cuboid: Cuboid) -> "Part":
+        """A part of a cuboid at the origin, in a cuboid of the same lengths elsewhere."""
+        if len(self.mesh.faces) == 0:
+            return self
+        solid = self.solid.transform(np.column_stack([cuboid.axes.T, cuboid.centre]))
+        return replace(self, mesh=from_manifold(solid), solid=solid)
 
 
 def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:

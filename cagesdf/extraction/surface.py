@@ -68,8 +68,10 @@ def extract_surface(field: CageField, resolution: int) -> Mesh:
 class LiveSurface:
     """The surface of a cage that is being edited: only cuboids that are new are evaluated.
 
-    A cuboid's surface depends on the part's code and on the cuboid, not on the others.
-    The solids of the last two surfaces are kept, so that an edit can be taken back at once.
+    A cuboid's surface depends on the part's code and on the cuboid, not on the others; where parts move with their
+    cuboids, on its lengths alone. Such parts are evaluated at the origin and then moved, so that a cuboid that was
+    moved or turned is not evaluated again. The solids of the last two surfaces are kept, so that an edit can be taken
+    back at once.
     """
 
     def __init__(
@@ -88,7 +90,7 @@ class LiveSurface:
         self.symmetry = symmetry
         self.each = each
         self.fineness = fineness
-        self._last: dict[bytes, Part] = {}
+        self._last: dict[bytes, Part] = {}  # by the keys of the field and of the unplaced field
         self._before: dict[bytes, Part] = {}
         self._unions: dict[tuple[bytes, ...], Manifold] = {}  # by the keys of their parts, of the last surface
 
@@ -97,15 +99,20 @@ class LiveSurface:
 
         All fields that are given are of one decoder, which does not change.
         """
-        keys = field.keys()
+        unplaced = field.unplaced()
+        keys, unplaced_keys = field.keys(), unplaced.keys()
         known = self._before | self._last
         # The largest first, so that no thread is left alone with it.
         order = sorted(range(len(keys)), key=lambda k: -field.cage.size[k].prod())
-        unknown = {keys[k]: k for k in order if keys[k] not in known}
-        answers = self.each(lambda k: part_of(field, k, self.cell, self.fineness, self.method), unknown.values())
+        unknown = {unplaced_keys[k]: k for k in order if unplaced_keys[k] not in known}
+        answers = self.each(lambda k: part_of(unplaced, k, self.cell, self.fineness, self.method), unknown.values())
         new = dict(zip(unknown, answers))
-        parts = [(known | new)[key] for key in keys]
-        self._before, self._last = self._last, dict(zip(keys, parts))
+        known |= new
+        for key, unplaced_key, part_id in zip(keys, unplaced_keys, field.cage.part_ids):
+            if key not in known:
+                known[key] = known[unplaced_key].moved(field.cage[part_id])
+        parts = [known[key] for key in keys]
+        self._before, self._last = self._last, {key: known[key] for key in (*keys, *unplaced_keys)}
         return self._finished(field.cage, keys, parts, sum(part.asked for part in new.values()))
 
     def _finished(self, cage: Cage, keys: Sequence[bytes], parts: Sequence[Part], asked: int) -> Extraction:

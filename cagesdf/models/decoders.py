@@ -21,7 +21,8 @@ from cagesdf.models.sines import sine_features
 CUBOID = 15  # numbers that describe a cuboid (§3.1)
 
 # part: around each part, distances to the part's own surface; cage: of the whole shape, near the points' cuboid;
-# cube: of the whole shape, anywhere in the cube. The first two know cuboids.
+# cube: of the whole shape, anywhere in the cube. The first two know cuboids. Parts move with their cuboids: values of a
+# decoder that trains on parts depend on the code, on the cuboid's lengths and on the point in the cuboid's local frame.
 TrainsOn = Literal["part", "cage", "cube"]
 
 

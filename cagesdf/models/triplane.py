@@ -94,30 +94,32 @@ class TriplaneDecoder(Decoder):
     def on_lattice(
         self, condition: Float[Tensor, "1 ..."], cuboid: Float[Tensor, "1 15"], axes: Sequence[Float[Tensor, " _"]]
     ) -> Callable[[Int[Tensor, "n 3"]], Float[Tensor, " n"]]:
-        """As in `Decoder`: all that the first layer is given of a node comes from three tables over pairs of axes.
+        """As in `Decoder`: the first layer's product with all that it is given of a node is a sum of three rows.
 
-        A table has the features of its plane, and the coordinate and its sines of one axis. Scales are multiplied into
-        the weights.
+        They come from three tables over pairs of axes. A table has the share of its plane's features, and of the
+        coordinate and its sines of one axis. Scales are multiplied into the weights.
         """
         planes, scales, shifts, unit = self._split(condition)
         images = planes.view(3, self.channels, self.cells, self.cells)
+        weights = [scale[:, None] * layer.get_parameter("weight") for scale, layer in zip(scales[0], self.hidden)]
         first_sine = 3 * self.channels + 3
-        tables, columns = list[Tensor](), list[int]()
+        tables = list[Tensor]()
         for plane, ((a, b), owner) in enumerate(zip(PLANES, OWNERS)):
             grid = torch.stack(torch.meshgrid(axes[a], axes[b], indexing="ij"), dim=-1)
             coordinate = grid[..., (owner == b) : (owner == b) + 1]
             read = _bilinear(images[plane : plane + 1], grid[None])[0].permute(1, 2, 0)
-            tables.append(torch.cat([read, coordinate, sine_features(coordinate, self.octaves)], dim=-1).flatten(0, 1))
-            columns += range(plane * self.channels, (plane + 1) * self.channels)
+            features = torch.cat([read, coordinate, sine_features(coordinate, self.octaves)], dim=-1).flatten(0, 1)
+            columns = [*range(plane * self.channels, (plane + 1) * self.channels)]
             columns += [3 * self.channels + owner, *range(first_sine + owner, first_sine + 6 * self.octaves, 3)]
-        weights = [scale[:, None] * layer.get_parameter("weight") for scale, layer in zip(scales[0], self.hidden)]
-        weights[0] = weights[0][:, columns]
+            tables.append(features @ weights[0][:, columns].T)
+        tables[0] += shifts[0, 0]
         out, bias = self.out.weight[0] * unit[0], self.out.bias * unit[0]
 
         def at_nodes(nodes: Int[Tensor, "n 3"]) -> Float[Tensor, " n"]:
             rows = [nodes[:, a] * len(axes[b]) + nodes[:, b] for a, b in PLANES]
-            hidden = torch.cat([table.index_select(0, row) for table, row in zip(tables, rows)], dim=1)
-            for weight, shift in zip(weights, shifts[0]):
+            one, two, three = (table.index_select(0, row) for table, row in zip(tables, rows))
+            hidden = one.add_(two).add_(three).relu_()
+            for weight, shift in zip(weights[1:], shifts[0, 1:]):
                 hidden = torch.addmm(shift, hidden, weight.T).relu_()
             return torch.addmv(bias.expand(len(hidden)), hidden, out)
 

@@ -9,13 +9,16 @@ from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.extraction.asking import (
+    BEND,
     INNER,
     LIPSCHITZ,
+    WEAK,
     ask_densely,
     ask_sparsely,
     ends,
     first_strides,
-    sublattices,
+    halvings,
+    settled,
 )
 from cagesdf.extraction.lattice import Lattice
 
@@ -43,8 +46,9 @@ def cones(rng: np.random.Generator, lattice: Lattice, slope: float):
 @settings(max_examples=30, deadline=None)
 def test_the_sublattices_have_each_point_once(size: tuple[int, int, int], strides: tuple[int, int, int]) -> None:
     times = np.zeros(size, int)
-    for step, first in sublattices(strides):
-        times[tuple(map(slice, first, size, step))] += 1
+    for step, firsts in halvings(strides):
+        for first in firsts:
+            times[tuple(map(slice, first, size, step))] += 1
     assert (times == 1).all()
 
 
@@ -67,6 +71,38 @@ def test_a_lattice_goes_from_face_to_face_in_steps_no_longer_than_the_cell(seed:
 def test_rounding_makes_no_further_cell(cells: int, size: float) -> None:
     item = Cuboid(np.zeros(3), np.eye(3), np.full(3, size))
     assert Lattice.of(item, size / cells, 1).cells.tolist() == [cells] * 3
+
+
+@given(
+    size=st.tuples(*[st.integers(3, 9)] * 3),
+    strides=st.sampled_from([(2, 2, 2), (2, 1, 2), (4, 2, 4), (1, 4, 4)]),
+    seed=st.integers(0, 10**6),
+)
+@settings(max_examples=20, deadline=None)
+def test_bounds_of_points_halfway_are_those_of_going_from_point_to_point(
+    size: tuple[int, int, int], strides: tuple[int, int, int], seed: int
+) -> None:
+    """Against a loop over the points around each, and no bound from beyond the lattice."""
+    rng, steps = np.random.default_rng(seed), np.array([0.011, 0.01, 0.008])
+    bound = rng.uniform(-0.1, 0.1, size).astype(np.float32)
+    for first in next(firsts for step, firsts in halvings(strides) if any(firsts[0])):
+        distance = np.linalg.norm(np.array(first) * steps)
+        result = settled(bound, strides, first, steps)
+        for index in np.ndindex(result.shape):
+            place = np.array(index) * strides + first
+            around = [
+                place + np.array(first) * signs
+                for signs in np.array(np.meshgrid(*[[-1, 1] if start else [0] for start in first])).T.reshape(-1, 3)
+            ]
+            known = np.array([bound[tuple(at)] if (at < size).all() else 0 for at in around], float)
+            high = max(known.max() - LIPSCHITZ * distance, 0)
+            low = min(known.min() + LIPSCHITZ * distance, 0)
+            if max(strides) == 2:
+                high, low = max(high, known.mean() - BEND * distance), min(low, known.mean() + BEND * distance)
+            else:
+                weak = WEAK * max(strides) / 4 * steps.max()
+                high, low = high * (high > weak), low * (low < -weak)
+            assert result[index] == pytest.approx(high if high > -low else low, abs=1e-6)
 
 
 @given(seed=st.integers(0, 10**6), share=st.floats(0.2, 1))

@@ -476,6 +476,55 @@ def test_an_edited_surface_is_that_of_starting_anew(method: str) -> None:
             assert here.asked < 0.8 * first
 
 
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=6, deadline=None)
+def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_anew(seed: int) -> None:
+    """To the last bit, over edits of any cuboid, some of them resized, which asks one part."""
+    rng = np.random.default_rng(seed)
+    bumpy = Local(lambda p: np.linalg.norm(p, axis=1) - 0.2 + 0.03 * np.sin(25 * p[:, 0]) * np.cos(19 * p[:, 2]))
+    cage = random_cage(seed, 4)
+    cage = replace(cage, size=cage.size.clip(0.3))
+    live = LiveSurface(24, fineness=Fineness(6, 0.05))
+    live.surface(field_of(bumpy, LATENT, cage))
+    for edit in range(6):
+        centre, axes, size = cage.centre.copy(), cage.axes.copy(), cage.size.copy()
+        k = rng.integers(4)
+        centre[k] += rng.normal(size=3) * 0.1 * (edit % 3 != 1)
+        axes[k] = axes[k] @ (rotation(seed + edit) if edit % 3 == 1 else np.eye(3))
+        size[k] *= rng.uniform(0.8, 1.2, 3) if edit == 5 else 1
+        cage = replace(cage, centre=centre, axes=axes, size=size)
+        field = field_of(bumpy, LATENT, cage)
+        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 0.05))
+        assert_same(once.mesh, anew.mesh)
+        for part in cage.part_ids:
+            assert_same(once.parts[part], anew.parts[part])
+        assert (once.asked > 0) == (edit == 5)
+        assert once.asked < anew.asked
+
+
+def test_a_part_of_a_decoder_that_knows_places_is_asked_again_where_it_was_moved() -> None:
+    cage = touching()
+    live = LiveSurface(32)
+    live.surface(field_of(network(), LATENT, cage))
+    moved = replace(cage, centre=cage.centre + np.array([[0.1, 0, 0], [0, 0, 0]]))
+    assert live.surface(field_of(network(), LATENT, moved)).asked > 0
+
+
+@pytest.mark.parametrize("name", sorted(name for name, kind in DECODERS.items() if kind.trains_on == "part"))
+def test_values_of_decoders_of_parts_depend_on_the_place_in_the_cuboid_alone(name: str) -> None:
+    """What `Decoder` says of them: a cuboid that is moved or turned has the values of the one at the origin."""
+    decoder = make_decoder(name, **SIZES, seed=0).requires_grad_(False)
+    rng = np.random.default_rng(2)
+    cage = Cage.of({"a": box([0.1, -0.2, 0.05], [0.4, 0.9, 0.15], rotation(3))})
+    field = CageField(decoder, torch.linspace(-1, 1, SIZES["code_dim"])[None], cage)
+    unit = rng.uniform(-0.5, 0.5, (300, 3))
+    values = field.ask(cage.from_unit(unit, 0), 0)
+    assert np.ptp(values) > 1e-3
+    unplaced = field.unplaced()
+    assert not unplaced.cage.centre.any()
+    np.testing.assert_allclose(unplaced.ask(unplaced.cage.from_unit(unit, 0), 0), values, atol=2e-5)
+
+
 def test_an_edit_leaves_other_parts_as_they_are_and_asks_one_alone() -> None:
     """The very meshes: of a cuboid that was moved, and of one whose code is another."""
     field = two_balls()
@@ -509,9 +558,9 @@ def test_unions_that_were_kept_change_nothing(seed: int) -> None:
 def test_an_edit_taken_back_asks_nothing() -> None:
     cage = touching()
     live = LiveSurface(32)
-    moved = replace(cage, centre=cage.centre + np.array([[0.1, 0, 0], [0, 0, 0]]))
+    resized = replace(cage, size=cage.size + np.array([[0.1, 0, 0], [0, 0, 0]]))
     start = live.surface(field_of(Filling(), LATENT, cage))
-    assert live.surface(field_of(Filling(), LATENT, moved)).asked > 0
+    assert live.surface(field_of(Filling(), LATENT, resized)).asked > 0
     back = live.surface(field_of(Filling(), LATENT, cage))
     assert back.asked == 0
     assert_same(back.mesh, start.mesh)
