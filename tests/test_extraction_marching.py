@@ -14,7 +14,7 @@ from cagesdf.cuboid import Cuboid
 from cagesdf.extraction import table
 from cagesdf.extraction.lattice import Lattice, strides_of
 from cagesdf.extraction.marching import crossed_cells, march, triangles
-from cagesdf.meshes import Mesh, edge_keys, signed_volume, topology
+from cagesdf.geometry.meshes import Mesh, edge_keys, signed_volume, topology
 
 
 def padded(values: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ def check(*sources: Path, include: str = "*") -> None:
         raise InputError(f"{rejected:,} of {sum(map(len, listings)):,} shapes rejected")
 
 
-def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
+def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: Json = False) -> None:
     """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
 
     Prints how well cuboids hold them: a sentence to a terminal, a JSON object else. Beside the shape,
@@ -59,6 +59,9 @@ def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
         A mesh file or a folder of meshes: one shape, upright (y up). Its groups are joined.
     out
         A new folder, in one that exists.
+    change
+        A change of the parts by hand, after those before it: "merge part_1 part_2", "split part_1 y 0.4" (at a height
+        in the file's frame and unit), "rename part_1 seat", "label seat seat".
     """
     import numpy as np
 
@@ -71,6 +74,7 @@ def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
     from cagesdf.geometry.meshes import Mesh, join
     from cagesdf.geometry.solid import CUBE_FACES, union
     from cagesdf.io.exports import Model, write_model
+    from cagesdf.parts.changing import changed
     from cagesdf.parts.cutting import MIN_SIZE, SLACK
     from cagesdf.parts.finding import as_written, find_parts
     from cagesdf.parts.written import SUFFIX, written_json
@@ -85,6 +89,7 @@ def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
         canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
         with working("finding parts"):
             result = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
+        result = changed(result, list(change), placement)
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
     except NotSolidError as error:

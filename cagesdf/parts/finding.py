@@ -18,7 +18,7 @@ from cagesdf.parts.cutting import MIN_SIZE, SLACK, Fragment, Plane, fragments
 from cagesdf.parts.merging import merged
 from cagesdf.shape import WrittenPart, WrittenParts, WrittenPiece
 
-PRICE = 0.02  # of one more cuboid, in volumes of the shape
+PRICE = 0.04  # of one more cuboid, in volumes of the shape
 THIN = 0.2  # share of its cuboid that a shape's volume counts as at least: thin shells aren't worth more cuboids
 LEFT_OUT = 0.01  # share of a shape that written parts may leave out
 DEPTHS = 2.0 ** -np.arange(2, 16)  # shares of a solid's extent, below a face, where a point inside is looked for
@@ -32,6 +32,11 @@ class FoundPart:
     label: str  # semantic name, "" if there is none
     fragments: tuple[Fragment, ...]
     mesh: Mesh  # canonical, closed, outward
+
+    @staticmethod
+    def of(name: str, label: str, fragments: tuple[Fragment, ...]) -> "FoundPart":
+        """The part that fragments make up together."""
+        return FoundPart(name, label, fragments, from_manifold(_add([fragment.solid for fragment in fragments])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +68,7 @@ def find_parts(mesh: Mesh, tolerance: float, min_thickness: float) -> FoundParts
     price = PRICE * max(volume, THIN * boxes_volume([mesh]))
     cuts = [piece for i, component in enumerate(solids) for piece in fragments(component.solid, i, price)]
     groups = [group.fragments for group in merged(cuts, price)]
-    parts = [_part(f"part_{i + 1}", "", group) for i, group in enumerate(groups)]
+    parts = [FoundPart.of(f"part_{i + 1}", "", group) for i, group in enumerate(groups)]
     return FoundParts(tuple(solids), tuple(parts), volume)
 
 
@@ -84,7 +89,7 @@ def parts_as_written(
     parts = []
     for part in written.parts:
         group = tuple(_fragment(solids, piece, placement, part.name) for piece in part.pieces)
-        parts.append(_part(part.name, part.label, group))
+        parts.append(FoundPart.of(part.name, part.label, group))
     volume = _add([component.solid for component in solids]).volume()
     missing = 1 - _add([fragment.solid for part in parts for fragment in part.fragments]).volume() / volume
     if missing > LEFT_OUT:
@@ -96,7 +101,7 @@ def as_written(found: FoundParts, placement: Similarity) -> WrittenParts:
     """Parts as a file keeps them; `placement` is raw → canonical."""
 
     def piece(fragment: Fragment) -> WrittenPiece:
-        planes = tuple(_moved(plane, placement.inverse()) for plane in fragment.planes)
+        planes = tuple(moved_plane(plane, placement.inverse()) for plane in fragment.planes)
         x, y, z = placement.to_raw(_point_inside(fragment.solid)[None])[0].tolist()
         return WrittenPiece(fragment.component, planes, (x, y, z))
 
@@ -104,16 +109,12 @@ def as_written(found: FoundParts, placement: Similarity) -> WrittenParts:
     return WrittenParts(len(found.components), tuple(parts))
 
 
-def _part(name: str, label: str, group: tuple[Fragment, ...]) -> FoundPart:
-    return FoundPart(name, label, group, from_manifold(_add([fragment.solid for fragment in group])))
-
-
 def _fragment(solids: list[Component], piece: WrittenPiece, placement: Similarity, part: str) -> Fragment:
     """A piece of a component. Raises InputError if it isn't there."""
     if piece.component >= len(solids):
         raise InputError(f"part {part!r}: there is no component {piece.component}, the shape has {len(solids)}")
     solid = solids[piece.component].solid
-    halves = tuple(_moved(plane, placement) for plane in piece.planes)
+    halves = tuple(moved_plane(plane, placement) for plane in piece.planes)
     for x, y, z, d in halves:
         solid = solid.trim_by_plane((-x, -y, -z), -d)
     point = placement.to_canonical(np.array([piece.inside]))
@@ -123,7 +124,7 @@ def _fragment(solids: list[Component], piece: WrittenPiece, placement: Similarit
     raise InputError(f"part {part!r}: component {piece.component} has no piece there around {list(piece.inside)}")
 
 
-def _moved(plane: Plane, placement: Similarity) -> Plane:
+def moved_plane(plane: Plane, placement: Similarity) -> Plane:
     """A plane taken through a similarity."""
     normal = placement.rotation @ plane[:3]
     point = placement.to_canonical(np.array([plane[:3]]) * plane[3])[0]

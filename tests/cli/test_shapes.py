@@ -11,8 +11,9 @@ import yaml
 from cagesdf.api import sources
 from cagesdf.cli import shapes
 from cagesdf.errors import InputError
-from cagesdf.formats.listing import ShapeSource, find_shape
-from cagesdf.geometry.meshes import Mesh, join
+from cagesdf.formats.listing import ShapeSource, find_shape, find_shapes, read_shape
+from cagesdf.geometry.meshes import Mesh, join, signed_volume
+from cagesdf.importing import import_shape
 from cagesdf.shape import RawShape
 from tests.support import toy
 from tests.support.commands import Command
@@ -86,6 +87,23 @@ def test_parts_writes_a_file_that_an_import_prefers_and_a_picture(command: Comma
     (tmp_path / "out" / "chair.parts.json").rename(tmp_path / "in" / "chair.parts.json")
     assert command("check", tmp_path / "in") == "chair: passed; parts written, 2: a file beside the mesh has them\n"
     assert "is there already" in command.complaint("parts", tmp_path / "in" / "chair.ply", tmp_path / "out")
+
+
+def test_parts_are_changed_by_hand_before_they_are_written(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    mesh = tmp_path / "in" / "chair.ply"
+    write_ply(mesh, join([BOX, toy.rod([0, -2, 0], [0, 0, 0], 0.3, 1.0)]))
+    changes = ["--change", "split part_1 y 0.5", "--change", "merge part_1 part_2", "--change", "rename part_1_2 top"]
+    assert json.loads(command("parts", mesh, tmp_path / "out", *changes))["parts"] == 2
+    (tmp_path / "out" / "chair.parts.json").rename(tmp_path / "in" / "chair.parts.json")
+    [source] = find_shapes(tmp_path / "in", "*")
+    shape = import_shape(read_shape(source), **sources.IMPORT)
+    assert [part.part_id for part in shape.parts] == ["part_1", "top"]
+    volume = signed_volume(shape.parts[1].mesh) / shape.similarity.scale**3
+    assert volume == pytest.approx(4 * 0.5, rel=1e-5), "the box above 0.5"
+    complaint = command.complaint("parts", mesh, tmp_path / "other", "--change", "split part_9 y 0")
+    assert "change 'split part_9 y 0': there is no part 'part_9'; the shape has part_1, part_2" in complaint
+    assert not (tmp_path / "other").exists()
 
 
 def test_check_says_each_shape_as_it_is_done(

@@ -173,6 +173,19 @@ def test_objects_of_one_name_are_parts_unless_they_share_vertices(tmp_path: Path
     assert names(tmp_path, both("o seat", "").encode()) == ["seat"]
 
 
+def test_materials_are_no_parts_and_their_library_need_not_exist(tmp_path: Path) -> None:
+    whole = both("usemtl wood", "usemtl cloth")
+    assert names(tmp_path, b"mtllib none.mtl\n" + whole.encode()) == [""]
+    assert names(tmp_path, both("o seat\nusemtl wood", "usemtl cloth").encode()) == ["seat"]
+
+
+def test_a_group_that_goes_on_later_is_one_part_and_may_be_called_after_a_material(tmp_path: Path) -> None:
+    text = both("g wood\nusemtl wood", "g cloth\nusemtl cloth") + "v 0 0 1\nv 1 0 1\nv 0 1 1\ng wood\nf 7 8 9\n"
+    (tmp_path / "a.obj").write_text(text)
+    parts = read_obj_groups(tmp_path / "a.obj")
+    assert [(name, len(mesh.faces)) for name, mesh in parts] == [("wood", 2), ("cloth", 1)]
+
+
 def test_weights_colours_and_old_faces_are_read(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0 1\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0 1 0 0 1\nfo 1 2 3\n")
     assert read_obj(tmp_path / "a.obj").vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]

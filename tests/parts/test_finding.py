@@ -237,6 +237,44 @@ def test_groups_that_are_parts_are_kept_and_groups_by_material_are_not() -> None
     assert len(forced.parts) == 6
 
 
+CORNERS = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [2, 3, 7, 6], [1, 2, 6, 5], [0, 4, 7, 3]]  # of a box's faces
+
+
+def obj_of_boxes(groups: dict[str, list[Mesh]], quads: bool, backwards: bool) -> str:
+    """An OBJ file of boxes in groups: faces of four corners or three, corners counted from the first or the last."""
+    lines, known = ["mtllib none.mtl"], 0
+    for name, members in groups.items():
+        lines += [f"g {name}", f"usemtl {name}"]
+        for box in members:
+            low, high = box.vertices.min(axis=0), box.vertices.max(axis=0)
+            x, y, z = np.stack([low, high], axis=1).tolist()
+            bottom = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
+            lines += [f"v {a!r} {b!r} {c!r}" for c in z for a, b in bottom]
+            for face in CORNERS:
+                corners = [face] if quads else [face[:3], [face[0], *face[2:]]]
+                lines += ["f " + " ".join(str(i - 8 if backwards else known + i + 1) for i in row) for row in corners]
+            known += 8
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("quads", [True, False])
+@pytest.mark.parametrize("backwards", [True, False])
+def test_groups_of_an_obj_file_that_are_materials_are_taken_apart_and_parts_are_kept(
+    tmp_path: Path, quads: bool, backwards: bool
+) -> None:
+    parts = chair_parts()
+    materials = {"wood": [mesh for name, mesh in parts.items() if name != "seat"], "cloth": [parts["seat"]]}
+    for name, groups in (("parts", {name: [mesh] for name, mesh in parts.items()}), ("materials", materials)):
+        (tmp_path / f"{name}.obj").write_text(obj_of_boxes(groups, quads, backwards))
+    shapes = {s.shape_id: import_shape(read_shape(s), "y", **LIMITS, parts="auto") for s in list_shapes(tmp_path, "*")}
+    assert [part.part_id for part in shapes["parts"].parts] == list(parts)
+    assert shapes["materials"].origin.parts == "found"
+    assert all(part.repair.method == "none" for part in shapes["parts"].parts), "boxes come closed and outward"
+    for shape in shapes.values():
+        sizes = np.array(volumes([part.mesh for part in shape.parts])) / shape.similarity.scale**3
+        np.testing.assert_allclose(sizes, volumes(list(parts.values())), rtol=1e-9)
+
+
 def test_groups_that_share_open_edges_are_materials() -> None:
     box = toy.box([0, 0, 0], [1, 1, 1])
     heights = box.corners()[..., 1].mean(axis=1)

@@ -1,12 +1,15 @@
 """The stage: what it writes and prints, what it refuses, and that workers change nothing."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cagesdf.cli.shapes import parts as write_parts
 from cagesdf.errors import InputError
-from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.io.rejected import read_rejected
 from cagesdf.io.shapes import read_shapes
 from pipeline import ImportParams, artefact
@@ -153,3 +156,38 @@ def test_a_bad_file_of_any_kind_costs_its_own_shape_and_no_other(tmp_path: Path)
     rejected = read_rejected(tmp_path / "out")
     assert len(rejected) == len(BROKEN)
     assert "index beyond.ply, face 0" in rejected["stool_05"]
+
+
+@pytest.mark.parametrize("choice", ["given", "found", "auto"])
+def test_parts_that_a_user_wrote_come_before_those_that_are_found(tmp_path: Path, choice: str) -> None:
+    """Two boxes are two parts to be found; written down, they are one."""
+    boxes = [toy.box([0, 1, 0], [1, 0.1, 1]), toy.rod([0.1, 0, 0], [0, 0.8, 0], 0.1)]
+    for name in ("edited", "left"):
+        toy.write_obj(tmp_path / "raw" / f"{name}.obj", join(boxes))
+    written = parts_of_the_file(tmp_path / "raw" / "edited.obj", tmp_path / "out")
+    pieces = [piece for part in written["parts"] for piece in part["pieces"]]
+    content = written | {"parts": [{"name": "all", "label": "stool", "pieces": pieces}]}
+    (tmp_path / "raw" / "edited.parts.json").write_text(json.dumps(content))
+    main(tmp_path / "raw", tmp_path / "shapes", PARAMS.model_copy(update={"parts": choice}))
+    edited, left = read_shapes(tmp_path / "shapes")
+    assert (edited.origin.parts, [(p.part_id, p.label) for p in edited.parts]) == ("written", [("all", "stool")])
+    expected = ("given", 1) if choice == "given" else ("found", 2)
+    assert (left.origin.parts, len(left.parts)) == expected
+    assert read_rejected(tmp_path / "shapes") == {}
+
+
+def test_parts_that_were_written_for_another_mesh_cost_their_shape_with_the_reason(tmp_path: Path) -> None:
+    toy.write_obj(tmp_path / "raw" / "stool.obj", toy.box([0, 1, 0], [1, 0.1, 1]))
+    toy.write_obj(tmp_path / "raw" / "sound.obj", toy.box([0, 1, 0], [1, 0.1, 1]))
+    written = parts_of_the_file(tmp_path / "raw" / "stool.obj", tmp_path / "out")
+    (tmp_path / "raw" / "stool.parts.json").write_text(json.dumps(written | {"components": 3}))
+    main(tmp_path / "raw", tmp_path / "shapes", PARAMS.model_copy(update={"parts": "found"}))
+    assert read_shapes(tmp_path / "shapes").ids == ("sound",)
+    assert "written for 3 components, the shape has 1" in read_rejected(tmp_path / "shapes")["stool"]
+
+
+def parts_of_the_file(mesh: Path, out: Path) -> dict[str, Any]:
+    """The content of the file that `cagesdf parts` writes for a mesh."""
+    write_parts(mesh, out, as_json=True)
+    content: dict[str, Any] = json.loads((out / f"{mesh.stem}.parts.json").read_text())
+    return content
