@@ -27,8 +27,8 @@ from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract, field_of
 from cagesdf.formats.listing import ShapeSource, find_shapes, list_shapes, read_shape
 from cagesdf.importing import import_shape
-from cagesdf.inference.shapes import MEASURE, usual_settings
 from cagesdf.inference import shapes as inference
+from cagesdf.inference.shapes import MEASURE, usual_settings
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import read_shapes

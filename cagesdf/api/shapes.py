@@ -43,7 +43,7 @@ from cagesdf.editing.script import (
 from cagesdf.editing.session import Live, Session, as_given
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
-from cagesdf.extraction import Extraction
+from cagesdf.extraction import LOOSE, Each, Extraction
 from cagesdf.frames import Similarity
 from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.inference import shapes as inference
@@ -193,14 +193,20 @@ class EditableShape(ModelledShape):
         return dump(self._document.script)
 
     def extract(
-        self, resolution: int = RESOLUTION, method: str = "sparse", loose: str = "keep", symmetry: str = "none"
+        self,
+        resolution: int = RESOLUTION,
+        method: str = "sparse",
+        loose: str = "keep",
+        symmetry: str = "none",
+        each: Each = map,
     ) -> Extraction:
         """The surface in the canonical frame; only cuboids that changed since the last one are evaluated.
 
-        `method`, `loose` and `symmetry` are extraction's, by name (docs/extraction.md).
+        `method`, `loose` and `symmetry` are extraction's, by name (docs/extraction.md). With `each` a pool's `map`,
+        cuboids are evaluated side by side; the surface is the same.
         """
         check_resolution(resolution)
-        choices = resolution, method, loose, symmetry
+        choices = resolution, method, loose, symmetry, each
         if choices not in self._live:
             self._live[choices] = self._session.live(*choices)
         return self._live[choices].surface(self.state)
@@ -396,10 +402,13 @@ class FittedShape(ModelledShape):
         """By part id, the numbers that were found to be added to its code."""
         return dict(zip(self.cage.part_ids, self.fit.inferred.residual.cpu().numpy().tolist(), strict=True))
 
-    def extract(self, resolution: int = RESOLUTION) -> Extraction:
-        """The surface in the canonical frame: each part has its own code. Raises InputError if there is none."""
+    def extract(self, resolution: int = RESOLUTION, loose: str = "keep", each: Each = map) -> Extraction:
+        """The surface in the canonical frame: each part has its own code. Raises InputError if there is none.
+
+        `loose` and `each` as in `EditableShape.extract`.
+        """
         check_resolution(resolution)
-        return inference.fitted_surface(self._session.run, self.fit, resolution)
+        return inference.fitted_surface(self._session.run, self.fit, resolution, LOOSE[loose], each)
 
     def report(self, surface: Extraction, seed: int = 0) -> dict[str, Any]:
         """Results for JSON: the verdict, and the distance of a surface that `extract` gave from the files'."""

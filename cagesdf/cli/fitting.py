@@ -2,14 +2,22 @@
 
 from pathlib import Path
 
-from cagesdf.cli.surfaces import RunFolder
-from cagesdf.cli.telling import Json, tell, working
+from cagesdf.cli.surfaces import Loose, RunFolder, side_by_side
+from cagesdf.cli.telling import Json, tell, warn, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
 
 
 def fit(
-    run: RunFolder, source: Path, out_dir: Path, /, *, resolution: int = 128, seed: int = 0, as_json: Json = False
+    run: RunFolder,
+    source: Path,
+    out_dir: Path,
+    /,
+    *,
+    resolution: int = 128,
+    seed: int = 0,
+    loose: Loose = "keep",
+    as_json: Json = False,
 ) -> None:
     """Find the cuboids and the code of a shape that a network was not trained on, and write the surface it gives.
 
@@ -35,6 +43,7 @@ def fit(
     with working("reading the run", seconds, "read"):
         from cagesdf.api.runs import check_seed, load_run
         from cagesdf.api.shapes import check_resolution
+        from cagesdf.editing.health import Health
         from cagesdf.io.fits import write_fit
 
         check_resolution(resolution)
@@ -42,15 +51,20 @@ def fit(
         trained = load_run(run)
     with working("fitting cuboids, and looking for the code that explains the shape best", seconds, "fit"):
         fitted = trained.fit(source, seed)
-    with working("asking the network for the surface", seconds, "extract"):
-        surface = fitted.extract(resolution)
+    cells = f"{len(fitted.cage)} parts with {resolution} cells"
+    with working(f"evaluating {cells}", seconds, "extract"), side_by_side(len(fitted.cage)) as each:
+        surface = fitted.extract(resolution, loose, each)
         model = fitted.model(surface)
     with working("measuring how far the surface is from the shape", seconds, "measure"):
         report = fitted.report(surface, seed)
-    report |= {"vertices": len(model.surface.vertices), "faces": len(model.surface.faces)}
+    health = Health.of(surface, fitted.editable().state, resolution)
+    report |= {"vertices": len(model.surface.vertices), "faces": len(model.surface.faces), "dropped": surface.dropped}
     fit = fitted.fit
     with new_folder(out_dir) as folder:
         write_fit(folder, fit.prepared.fitted, fit.inferred.code, fit.inferred.residual, model, report)
-    distance = f"surface {report['surface_distance']} from the shape's"
-    sentence = f"{out_dir}: {report['parts']} parts, {distance}; {report['verdict']}; {sum(seconds.values()):.1f} s"
+    warn(health.warnings())
+    distance = f"surface {report['surface_distance']} % of the longest side from the shape's"
+    sentence = (
+        f"{out_dir}: {report['parts']} parts, {distance}; {health}; {report['verdict']}; {sum(seconds.values()):.1f} s"
+    )
     tell({"out": str(out_dir), **report, "seconds": seconds}, sentence, as_json)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from cagesdf.cli.machine import workers
-from cagesdf.cli.surfaces import RunFolder
+from cagesdf.cli.surfaces import Loose, RunFolder
 from cagesdf.cli.telling import Count, Json, tell, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
@@ -38,19 +38,21 @@ def generate(
     program: Path | None = None,
     programs: Path | None = None,
     resolution: int = 128,
+    loose: Loose = "keep",
     ending: Literal["ply", "obj", "stl", "glb"] = "glb",
     stability: Literal["support", "simulation"] = "support",
     as_json: Json = False,
 ) -> None:
     """Make new shapes: new cuboids, new latent codes, and the surfaces that a trained network gives for them.
 
-    Prints how many have a surface, stand, and how long it took: a sentence to a terminal, a JSON object else.
+    Prints how many have a surface, stand, and how long it took: a sentence to a terminal, a JSON object otherwise.
 
     Parameters
     ----------
     out
         A new folder, in one that exists: a mesh and a program (.txt) or hierarchy (.json) for each shape, canonical
-        (y up, centred, in the unit sphere); index.jsonl with a line for each; sheet.png, a picture of the first 64.
+        (y up, centred, in the unit sphere); index.jsonl with a line for each, its
+        health and warnings too; sheet.png, a picture of the first 64.
     count
         How many shapes.
     latent
@@ -89,12 +91,13 @@ def generate(
     with working(f"reading {run}"):
         trained = load_run(run, programs)
     new = trained.draw(count, seed, latent=latent, temperature=temperature, program=program)
-    make = _maker(trained.session.run, resolution, STABILITIES[stability], seed)
+    make = _maker(trained.session.run, resolution, loose, STABILITIES[stability], seed)
     threads = workers()
     with new_folder(out) as folder, ThreadPoolExecutor(threads) as pool:
-        outcomes = counts(
-            _written(folder, in_order(pool, make, new.orders, AHEAD * threads), ending, Count("shapes", count))
-        )
+        shapes = in_order(pool, make, new.orders, AHEAD * threads)
+        warned: list[str] = []
+        outcomes = counts(_written(folder, shapes, ending, resolution, warned, Count("shapes", count)))
+        outcomes["warned"] = len(warned)
     summary = {
         "out": str(out),
         "method": new.method,
@@ -108,14 +111,14 @@ def generate(
 
 
 def _maker(
-    trained: "Run", resolution: int, stability: "Callable[[Cage], bool]", seed: int
+    trained: "Run", resolution: int, loose: str, stability: "Callable[[Cage], bool]", seed: int
 ) -> "Callable[[Order], GeneratedShape]":
     """What makes a shape of an order, with random numbers of its own."""
     from cagesdf.extraction import LOOSE
     from cagesdf.seeds import item_rng
     from cagesdf.shape_generation.surfaces import Extracting, make_shape
 
-    how = Extracting(resolution, LOOSE["keep"], POINTS, stability)
+    how = Extracting(resolution, LOOSE[loose], POINTS, stability)
 
     def make(order: "Order") -> "GeneratedShape":
         return make_shape(trained, how, item_rng(seed, "points", order.method, order.shape_id), order)
@@ -124,9 +127,16 @@ def _maker(
 
 
 def _written(
-    folder: Path, shapes: "Iterable[GeneratedShape]", ending: str, done: Callable[[], None]
+    folder: Path,
+    shapes: "Iterable[GeneratedShape]",
+    ending: str,
+    resolution: int,
+    warned: list[str],
+    done: Callable[[], None],
 ) -> Iterator[dict[str, Any]]:
     """Write each shape's files and its line of the index as it comes, at the end the sheet; yields their rows.
+
+    Ids of shapes with warnings are appended to `warned`.
 
     No shape is held but the SHOWN first.
     """
@@ -134,12 +144,29 @@ def _written(
     with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
         for shape in shapes:
             row = shape.row()
-            stream.write(json.dumps(_entry(folder, shape, row, ending), ensure_ascii=False) + "\n")
+            entry = _entry(folder, shape, row, ending) | _health(shape, resolution)
+            stream.write(json.dumps(entry, ensure_ascii=False) + "\n")
+            warned += [shape.shape_id] if entry["warnings"] else []
             shown += [shape] if len(shown) < SHOWN else []
             done()
             yield row
     with working("drawing the sheet"):
         _sheet(folder / "sheet.png", shown)
+
+
+def _health(shape: "GeneratedShape", resolution: int) -> dict[str, Any]:
+    """A line about the surface, and its warnings; of an arm without cuboids neither."""
+    import numpy as np
+
+    from cagesdf.editing.health import Health
+    from cagesdf.editing.state import State
+    from cagesdf.frames import Similarity
+
+    if shape.structure is None:
+        return {"health": None, "warnings": []}
+    state = State.opened(shape.cage, shape.structure, shape.latent, Similarity(1.0, np.eye(3), np.zeros(3)))
+    health = Health.of(shape, state, resolution)
+    return {"health": str(health), "warnings": [*health.warnings()]}
 
 
 def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending: str) -> dict[str, Any]:

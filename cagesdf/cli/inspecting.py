@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from cagesdf.cli.telling import working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, replacing
 
@@ -25,7 +26,9 @@ def inspect(path: Path, /, *, shape: str | None = None, picture: Path | None = N
     picture
         A .png file for a slice through a shape's distances; for a shard of points or a folder of them.
     """
-    print("\n\n".join(_described(path) if shape is None else _editable(path, shape)))
+    with working(f"reading {path}"):
+        paragraphs = _described(path) if shape is None else _editable(path, shape)
+    print("\n\n".join(paragraphs))
     if picture is not None:
         _draw(path, picture)
 

@@ -2,10 +2,11 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from cagesdf.cli.telling import Count
 from cagesdf.errors import InputError, ProgramError
 from cagesdf.io.files import check_folder, replacing
 
@@ -105,18 +106,20 @@ def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
 
 
 def _answers(
-    files: Iterable[Path], answer: Callable[["AssemblyProgram"], dict[str, Any]], failures: list[ProgramError]
+    files: Sequence[Path], answer: Callable[["AssemblyProgram"], dict[str, Any]], failures: list[ProgramError]
 ) -> Iterator[str]:
     """A line of JSON for each program: its id, and the answer or what is wrong, which is noted too."""
     from cagesdf.structure.parsing import read_program
 
+    done = Count("programs", len(files))
     for file in files:
         try:
-            found = answer(read_program(file))
+            result = answer(read_program(file))
         except ProgramError as error:
             failures.append(error)
-            found = {"error": str(error)}
-        yield json.dumps({"id": file.stem, **found}, ensure_ascii=False)
+            result = {"error": str(error)}
+        done()
+        yield json.dumps({"id": file.stem, **result}, ensure_ascii=False)
 
 
 def _complain(failures: list[ProgramError], programs: int) -> None:

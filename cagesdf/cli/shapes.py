@@ -83,7 +83,8 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
         raise InputError(f"{out}: is there already; name a new folder")
     check_folder(out)
     try:
-        raw = read_shape(replace(find_shape(source), written=None))
+        with working(f"reading {source}"):
+            raw = read_shape(replace(find_shape(source), written=None))
         mesh = join([part.mesh for part in raw.parts])
         placement = canonical_similarity(mesh.vertices, IMPORT["up"])
         canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
@@ -103,7 +104,8 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
         name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
     }
     solids = {part.name: as_given(part.mesh) for part in result.parts}
-    model = Model.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
+    with working("joining the parts"):
+        model = Model.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
     with new_folder(out) as folder:
         write_model(folder / f"{raw.shape_id}.glb", model)
         text = written_json(as_written(result, placement))

@@ -1,18 +1,21 @@
 """Commands that take surfaces out of trained networks, as they are or edited."""
 
-import sys
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from cagesdf.cli.telling import Json, tell, working
+from cagesdf.cli.machine import workers
+from cagesdf.cli.telling import Count, Json, tell, warn, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, replacing
 
 if TYPE_CHECKING:
     from cagesdf.api.shapes import EditableShape
+    from cagesdf.extraction import Each, Part
 
 # Parameters that several commands have, with their help.
 RunFolder = Annotated[Path, Parameter(help="A folder that `train` wrote, such as data/runs/chair/cagesdf.")]
@@ -164,6 +167,25 @@ def mix(
     work.write(shape, as_json)
 
 
+@contextmanager
+def side_by_side(cuboids: int) -> Iterator["Each"]:
+    """A `map` over cuboids in a thread for each worker, which says how many are done.
+
+    Torch has one thread meanwhile: its own would wait for each other on a busy machine.
+    """
+    from cagesdf.api.runs import one_thread
+
+    with one_thread(), ThreadPoolExecutor(workers()) as pool:
+        done = Count("surface, cuboids", cuboids)
+
+        def each(work: Callable[[int], "Part"], numbers: Iterable[int]) -> Iterator["Part"]:
+            for part in pool.map(work, numbers):
+                done()
+                yield part
+
+        yield each
+
+
 class _Work:
     """One command's way from a run to a file: what it took, and what was checked."""
 
@@ -199,32 +221,31 @@ class _Work:
         from cagesdf.io.exports import write_boxes, write_model
 
         cells = f"{len(shape.cage)} parts with {self.resolution} cells"
-        with self.timed("extract", f"asking the network for a surface of {cells}"):
-            found = shape.extract(self.resolution, **self.choices)
+        with self.timed("extract", f"evaluating {cells}"), side_by_side(len(shape.cage)) as each:
+            surface = shape.extract(self.resolution, **self.choices, each=each)
         with self.timed("place", "placing it in the files' frame"):
-            model = shape.model(found)
+            model = shape.model(surface)
         with self.timed("write", f"writing {self.out}"), ExitStack() as files:
             write_model(files.enter_context(replacing(self.out)), model)
             if self.cuboids is not None:
                 write_boxes(files.enter_context(replacing(self.cuboids)), model)
-        health = Health.of(found, shape.state, self.resolution)
-        for warning in health.warnings():
-            print(f"cagesdf: warning: {warning}", file=sys.stderr)
-        told = {
+        health = Health.of(surface, shape.state, self.resolution)
+        warn(health.warnings())
+        result = {
             "out": str(self.out),
             "vertices": len(model.surface.vertices),
             "faces": len(model.surface.faces),
-            "evaluations": found.asked,
+            "evaluations": surface.asked,
             "closed": True,
             "volume": signed_volume(model.surface),
-            "components": found.components,
-            "dropped": found.dropped,
+            "components": surface.components,
+            "dropped": surface.dropped,
             "thinnest": health.thinnest,
             "thickness": health.thickness,
             "cells": round(health.cells, 2),
-            "clipped": round(found.clipped, 6),
-            "overshoot": found.overshoot,
+            "clipped": round(surface.clipped, 6),
+            "overshoot": surface.overshoot,
             "seconds": self.seconds,
         }
         faces, seconds = len(model.surface.faces), sum(self.seconds.values())
-        tell(told, f"{self.out}: {faces:,} faces, {health}; {seconds:.1f} s", as_json)
+        tell(result, f"{self.out}: {faces:,} faces, {health}; {seconds:.1f} s", as_json)

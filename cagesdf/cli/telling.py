@@ -4,7 +4,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Annotated, Any
 
@@ -25,6 +25,12 @@ Json = Annotated[
 def tell(result: Mapping[str, Any], sentence: str, as_json: bool) -> None:
     """Print what became of a command: the sentence to a terminal, otherwise, or if it is wanted, the result as JSON."""
     print(json.dumps(result, ensure_ascii=False) if as_json or not sys.stdout.isatty() else sentence)
+
+
+def warn(sentences: Iterable[str]) -> None:
+    """Say on standard error what is wrong with a result that is written all the same."""
+    for sentence in sentences:
+        _say(f"warning: {sentence}")
 
 
 @contextmanager

@@ -1,7 +1,9 @@
 """Whether a surface holds: closed, in one piece where its cuboids are, no part thinner than its cells can show."""
 
 from bisect import bisect_left
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +14,7 @@ from cagesdf.cuboid import Cuboid
 from cagesdf.deformation.matching import touching
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.state import State
-from cagesdf.extraction import CUBE, USUAL, Extraction, Fineness
+from cagesdf.extraction import CUBE, USUAL, Fineness
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.promises import count_pieces
 from cagesdf.frames import HALF_EXTENT
@@ -22,6 +24,23 @@ from cagesdf.geometry.solid import thickness
 HELD = 2.0  # cells that a part must be thick
 FINEST = 512  # cells: no finer resolution is recommended
 STEP = 16  # cells, between recommended resolutions
+
+
+@runtime_checkable
+class Surface(Protocol):
+    """A surface of closed parts, such as an `Extraction` or a `GeneratedShape`."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """The union of the parts, canonical."""
+
+    @property
+    def parts(self) -> Mapping[str, Mesh]:
+        """The closed mesh of each part, by id; without faces where it has no surface."""
+
+    @property
+    def components(self) -> int:
+        """Connected components of the mesh."""
 
 
 @dataclass(frozen=True)
@@ -38,34 +57,36 @@ class Health:
     resolution: int  # the least, in steps of STEP, with which it has HELD; 0: none up to FINEST
 
     @staticmethod
-    def of(extraction: Extraction, state: State, resolution: int, fineness: Fineness = USUAL) -> "Health":
+    def of(surface: Surface, state: State, resolution: int, fineness: Fineness = USUAL) -> "Health":
         """The health of a state's surface that was made with these cells."""
         names = part_names(state.structure)
         cuboids = {**CUBE.cuboids(), **state.cage.cuboids()}  # a decoder that knows no cuboids has one part, the cube
-        torn = [part for part, mesh in extraction.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
-        profiles = {
-            part: _Profile.of(mesh, cuboids[part]) for part, mesh in extraction.parts.items() if len(mesh.faces)
-        }
+        torn = [part for part, mesh in surface.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
+        profiles = {part: _Profile.of(mesh, cuboids[part]) for part, mesh in surface.parts.items() if len(mesh.faces)}
         cells = {part: profile.cells(resolution, fineness) for part, profile in profiles.items()}
         expected, _ = connected_components(touching(state.cage), directed=False)
-        closed = bool(len(extraction.mesh.faces)) and is_closed(extraction.mesh)
+        closed = bool(len(surface.mesh.faces)) and is_closed(surface.mesh)
         called = tuple(names.get(part, part) for part in torn)
         if not cells:
-            return Health(closed, extraction.components, int(expected), called, None, 0.0, 0.0, 0)
+            return Health(closed, surface.components, int(expected), called, None, 0.0, 0.0, 0)
         part = min(cells, key=lambda part: cells[part])
         finer = range(STEP, FINEST + 1, STEP)
         first = bisect_left(finer, HELD, key=lambda count: profiles[part].cells(count, fineness))
         enough = finer[first] if first < len(finer) else 0
-        thick = thickness(extraction.parts[part]) / state.similarity.scale
+        thick = thickness(surface.parts[part]) / state.similarity.scale
         return Health(
-            closed, extraction.components, int(expected), called, names.get(part, part), thick, cells[part], enough
+            closed, surface.components, int(expected), called, names.get(part, part), thick, cells[part], enough
         )
 
     def __str__(self) -> str:
         pieces = f"{self.components} component{'s' * (self.components != 1)}"
         closed = "closed" if self.closed else "not closed" if self.components else "no surface"
-        thin = f", thinnest {self.thinnest}: {self.thickness:.3g}, {self.cells:.1f} cells" if self.thinnest else ""
+        thin = f", thinnest {self.thinnest}: {self._extent}" if self.thinnest else ""
         return f"{closed}, {pieces}{thin}"
+
+    @property
+    def _extent(self) -> str:
+        return f"{self.thickness:.3g} file units, {self.cells:.1f} cells"
 
     def warnings(self) -> tuple[str, ...]:
         """Sentences about what doesn't hold; none for a surface that does."""
@@ -82,9 +103,7 @@ class Health:
                 if self.resolution
                 else f"more than {FINEST} cells would be needed; make it thicker"
             )
-            sentences.append(
-                f"{self.thinnest} is {self.thickness:.3g} thick, {self.cells:.1f} cells; wanted {HELD:g}: {cure}"
-            )
+            sentences.append(f"{self.thinnest} is {self._extent} thick; wanted {HELD:g} cells: {cure}")
         return tuple(sentences)
 
 

@@ -16,11 +16,12 @@ from cagesdf.deformation.sequences import solids_in_cuboids
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.reconstruction import score
 from cagesdf.evaluation.surfaces import Measured, Truth
-from cagesdf.extraction import CageField, Extraction, extract
+from cagesdf.extraction import LOOSE, CageField, Each, Extraction, extract
+from cagesdf.extraction.surface import Loose
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import union
-from cagesdf.inference.codes import InferenceSettings, Inferred, infer
+from cagesdf.inference.shapes.codes import InferenceSettings, Inferred, infer
 from cagesdf.io.runs import Run
 from cagesdf.models.codes import part_codes
 from cagesdf.models.latents import SHARED, LatentTable
@@ -233,9 +234,9 @@ def fitted_field(run: Run, fit: Fit) -> CageField:
     return CageField(run.decoder, part_codes(run.decoder, fit.inferred.code, cage) + fit.inferred.residual, cage)
 
 
-def fitted_surface(run: Run, fit: Fit, resolution: int) -> Extraction:
+def fitted_surface(run: Run, fit: Fit, resolution: int, loose: Loose = LOOSE["keep"], each: Each = map) -> Extraction:
     """The surface of a fitted shape, canonical; see `extract`. Raises InputError if the network gives none."""
-    surface = extract(fitted_field(run, fit), resolution)
+    surface = extract(fitted_field(run, fit), resolution, loose=loose, each=each)
     if len(surface.mesh.faces) == 0:
         raise InputError(f"{fit.prepared.shape.shape_id}: the network gives no surface at all for it; {fit.verdict}")
     return surface

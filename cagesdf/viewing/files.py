@@ -6,7 +6,8 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from cagesdf.editing.script import Script, parse
@@ -56,6 +57,15 @@ def _content(write: Callable[[Path, Model], None], found: Extraction, state: Sta
         return path.read_bytes()
 
 
+@contextmanager
+def script_called(name: str) -> Iterator[None]:
+    """A context whose errors about a script name it as the user does."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(str(error).replace("script:", f"{name}:", 1)) from error
+
+
 def script_of(name: str, content: bytes) -> Script:
     """The operations of an uploaded script. Raises InputError."""
     return parse(_text(name, content))
@@ -80,12 +90,12 @@ def meshes_of(name: str, content: bytes, folder: Path) -> Path:
         return folder
     if suffix not in MESH_SUFFIXES:
         raise InputError(f"{name}: wanted a {', '.join(MESH_SUFFIXES)} file, or a .zip with one for each part")
-    # By its own name, so that messages speak of that.
-    own = PurePosixPath(name.replace("\\", "/")).stem + suffix
-    if len(own.encode("utf-8")) > MAX_NAME or not own.isprintable():
-        own = f"shape{suffix}"
-    (folder / own).write_bytes(content)
-    return folder / own
+    # Under the user's name, which messages give.
+    plain = PurePosixPath(name.replace("\\", "/")).name
+    if len(plain.encode("utf-8")) > MAX_NAME or not plain.isprintable():
+        plain = f"shape{suffix}"
+    (folder / plain).write_bytes(content)
+    return folder / plain
 
 
 def _unpacked(name: str, content: bytes) -> dict[str, bytes]:

@@ -1,7 +1,9 @@
 """Long work of a tab: in the background, one at a time; it says how far it is, and can be cancelled."""
 
+import ctypes
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from cagesdf.errors import InputError
@@ -9,8 +11,8 @@ from cagesdf.extraction import Part
 from cagesdf.viewing.refusals import saying
 
 
-class Cancelled(Exception):
-    """The work is no longer wanted."""
+class Cancelled(BaseException):
+    """The work is no longer wanted. Handlers of errors, those of libraries too, let it pass."""
 
 
 @dataclass(frozen=True)
@@ -26,21 +28,42 @@ class Stand:
 
 
 class Progress:
-    """The end of a job that its work holds: it says how far it is, and learns here that it is cancelled."""
+    """The end of a job that its work holds: it says how far it is, and is broken off here or elsewhere."""
 
     def __init__(self, job: str, show: Callable[[Stand], None]) -> None:
         self._job, self._show = job, show
         self._cancelled = threading.Event()
+        self._lock = threading.Lock()  # held while something is shown: showing is never broken off
+        self._thread: int | None = None  # inside `breakable`
 
     def __call__(self, what: str, done: float = 0.0) -> None:
         """Say what is being done, and which share of it is done. Raises Cancelled once the job is cancelled."""
-        if self._cancelled.is_set():
-            raise Cancelled
-        self._show(Stand(self._job, what, done))
+        with self._lock:
+            if self._cancelled.is_set():
+                raise Cancelled
+            self._show(Stand(self._job, what, done))
+
+    @contextmanager
+    def breakable(self) -> Iterator[None]:
+        """A context that `cancel` breaks off wherever this thread is: Cancelled is raised at its next instruction.
+
+        A library's call that is running is finished before.
+        """
+        with self._lock:
+            self._thread = threading.get_ident()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._thread = None
 
     def cancel(self) -> None:
-        """The next call of the progress raises Cancelled."""
-        self._cancelled.set()
+        """Break the work off."""
+        with self._lock:
+            self._cancelled.set()
+            if self._thread is not None:
+                # Repairing meshes and fitting codes are loops of other modules, which know nothing of jobs.
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), ctypes.py_object(Cancelled))
 
     @property
     def cancelled(self) -> bool:
@@ -48,7 +71,7 @@ class Progress:
         return self._cancelled.is_set()
 
     def each(self, what: str) -> Callable[[Callable[[int], Part], Iterable[int]], Iterator[Part]]:
-        """A way through the cuboids of a surface that says how many are done."""
+        """A `map` over the cuboids of a surface that says how many are done."""
 
         def through(work: Callable[[int], Part], cuboids: Iterable[int]) -> Iterator[Part]:
             waiting = list(cuboids)
@@ -95,13 +118,13 @@ class Jobs:
             return self._running is not None
 
     def cancel(self) -> str | None:
-        """Give the work up, at once: what it is at is not waited for. Returns its name, None without any."""
+        """Break the work off; its end isn't waited for. Returns its name, None without any."""
         with self._lock:
             if self._running is None:
                 return None
             what, progress = self._running
-            progress.cancel()
             self._running = None
+        progress.cancel()
         self._show(None)
         return what
 
@@ -111,11 +134,9 @@ class Jobs:
 
     def _run(self, progress: Progress, work: Work) -> None:
         try:
-            with saying(lambda text: None if progress.cancelled else self._fail(text)):
-                try:
+            with suppress(Cancelled), saying(lambda text: None if progress.cancelled else self._fail(text)):
+                with progress.breakable():
                     act = work(progress)
-                except Cancelled:
-                    return
                 if self._ended(progress):
                     self._finish(act)
         finally:

@@ -1,4 +1,4 @@
-"""The list of parts beside the view: a button a part in its colour, in folders as the structure has them."""
+"""The list of parts beside the view: a part's name in its colour and its eye, in folders as the structure has them."""
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from functools import partial
@@ -13,31 +13,47 @@ from cagesdf.viewing.colours import Colour
 
 WIDTH = 250  # pixels
 LONGEST = 22  # letters of a folder's name
+EYE = 34  # pixels
+# viser's buttons are rows; an eye stands in the row of the name before it.
+STYLE = f"""<style>
+div:has(> .mantine-Button-root .icon-tabler-eye), div:has(> .mantine-Button-root .icon-tabler-eye-off) {{
+  display: inline-block; width: {EYE}px; vertical-align: top; padding: 0 !important; margin-right: 0 !important;
+  .mantine-Button-root {{ padding: 0; background: none; color: var(--mantine-color-text); }}
+  .mantine-Button-section {{ margin: 0; }}
+}}
+div:has(+ div > .mantine-Button-root .icon-tabler-eye), div:has(+ div > .mantine-Button-root .icon-tabler-eye-off) {{
+  display: inline-block; width: calc(100% - {EYE}px); vertical-align: top;
+}}
+</style>"""
 
 
 class PartList:
-    """A panel at the left. Parts that are selected, hidden or locked have a sign."""
+    """A panel at the left. Parts that are selected or locked have a sign, hidden ones a closed eye."""
 
     def __init__(
         self,
         client: viser.ClientHandle,
         pick: Callable[[tuple[str, ...], bool], None],
+        blink: Callable[[str], None],
         act: Callable[[str], None],
         guard: Callable[[Callable[[], None]], None],
     ) -> None:
-        """`pick` is called with the parts of an entry and whether they are added; `act` with the word of a button."""
-        self._gui, self._pick, self._guard = client.gui, pick, guard
+        """`pick` is called with the parts of an entry and whether they are added, `blink` with the part whose eye is
+        clicked, `act` with the word of a button."""
+        self._gui, self._pick, self._blink, self._guard = client.gui, pick, blink, guard
         self._panel = self._gui.add_panel()
         self._panel.dock_left()
         self._panel.set_width(WIDTH)
         self._tab = self._panel.add_tab("Parts")
         with self._tab:
+            self._gui.add_html(STYLE)
             for words in (("Hide", "Lock", "Show all"), ("Duplicate", "Split", "Delete", "Add")):
                 buttons = self._gui.add_button_group("Selected" if words[0] == "Hide" else "Edit", words)
                 buttons.on_click(partial(lambda group, _: guard(lambda: act(group.value)), buttons))
             self.more = self._gui.add_checkbox("Select several", False, hint="or shift-click in the view")
         self._folder: Any = None
         self._buttons: dict[str, Any] = {}
+        self._eyes: dict[str, Any] = {}
         self._shown: tuple[object, ...] = ()
 
     def show(
@@ -54,19 +70,18 @@ class PartList:
         if content != self._shown:
             if self._folder is not None:
                 self._folder.remove()
-            self._shown, self._buttons = content, {}
+            self._shown, self._buttons, self._eyes = content, {}, {}
             with self._tab:
                 self._folder = self._gui.add_folder("Parts")
             with self._folder:
                 self._add_groups(state.structure, names)
                 self._add(state.structure, state.structure.root(), names, colours)
         for part, button in self._buttons.items():
-            sign = viser.Icon.EYE_OFF if part in hidden else viser.Icon.LOCK if part in locked else None
             label = f"▸ {names[part]}" if part in selected else names[part]
             if button.label != label:
                 button.label = label
-            if button.icon != sign:
-                button.icon = sign
+            _show_icon(button, viser.Icon.LOCK if part in locked else None)
+            _show_icon(self._eyes[part], viser.Icon.EYE_OFF if part in hidden else viser.Icon.EYE)
 
     def _add_groups(self, structure: Structure, names: Mapping[str, str]) -> None:
         """A button for all parts of each label that several have."""
@@ -80,6 +95,7 @@ class PartList:
         for child in structure.children(node):
             if child in names:
                 self._buttons[child] = self._button(names[child], (child,), colours[child])
+                self._eyes[child] = self._eye(child)
             else:
                 with self._gui.add_folder(_called(structure, child)):
                     self._add(structure, child, names, colours)
@@ -88,6 +104,16 @@ class PartList:
         button = self._gui.add_button(label, color=colour or "gray")
         button.on_click(lambda _: self._guard(lambda: self._pick(parts, bool(self.more.value))))
         return button
+
+    def _eye(self, part: str) -> Any:
+        eye = self._gui.add_button("", icon=viser.Icon.EYE)
+        eye.on_click(lambda _: self._guard(lambda: self._blink(part)))
+        return eye
+
+
+def _show_icon(button: Any, icon: viser.IconName | None) -> None:
+    if button.icon != icon:
+        button.icon = icon
 
 
 def _called(structure: Structure, node: str) -> str:

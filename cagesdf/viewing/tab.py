@@ -183,7 +183,7 @@ class Tab:
             opened.generator is not None,
             self._guarded,
         )
-        self._parts = PartList(client, self._pick, self._act, self._guarded)
+        self._parts = PartList(client, self._pick, self._blink, self._act, self._guarded)
         self._bind_keys()
         self._panel.shape.value = opened.first
         self._worker = Worker(opened.session, pool, self._show, self._tell, self._refuse)
@@ -263,7 +263,7 @@ class Tab:
         if truth is None or not len(mesh.faces):
             return ""
         distance = SurfaceDistance(truth).unsigned(mesh.vertices).mean() / self._document.state.similarity.scale
-        return f"; {distance:.2g} from the file's surface on average"
+        return f"; {distance:.2g} file units from the file's surface on average"
 
     def _say(self, text: str) -> None:
         self._panel.status.value = text
@@ -382,6 +382,13 @@ class Tab:
     def _hide(self) -> None:
         self._hidden |= frozenset(self._selected)
         self._selected = ()
+        self._look()
+        self._redraw()
+
+    def _blink(self, part: str) -> None:
+        """Hide a part, or show it again."""
+        self._hidden ^= {part}
+        self._selected = tuple(other for other in self._selected if other not in self._hidden)
         self._look()
         self._redraw()
 
@@ -793,8 +800,9 @@ class Tab:
         self._ask()
 
     def _load(self, name: str, content: bytes) -> None:
-        script = files.script_of(name, content)
-        document = self._fresh(self._document.shape_id).continued(script, self._opened.session.styles)
+        with files.script_called(name):
+            script = files.script_of(name, content)
+            document = self._fresh(self._document.shape_id).continued(script, self._opened.session.styles)
         self._shelf.take(document.name)
         self._become(document)
         self._say(f"{name}: {len(script)} operations on {self._document.shape_id}")

@@ -1,6 +1,7 @@
 """The `cagesdf` command as a user meets it."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -45,6 +46,18 @@ def test_the_version_is_the_packages(command: Command) -> None:
         pytest.skip("not installed: pip install -e .")
     assert command("--version").strip() == installed
     assert installed == tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+
+
+def test_help_waits_for_no_library_that_computes() -> None:
+    """Not timed: these are what takes seconds to import."""
+    heavy = {"torch", "numpy", "scipy", "pyarrow", "viser", "trimesh", "manifold3d", "PIL", "pydantic", "beartype"}
+    code = (
+        "import sys, atexit; from cagesdf.cli import run; sys.argv = ['cagesdf', '--help'];"
+        "atexit.register(lambda: print([name for name in sys.modules if '.' not in name])); run()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert "extract" in done.stdout
+    assert not heavy & set(re.findall(r"'(\w+)'", done.stdout.splitlines()[-1]))
 
 
 def test_mistyped_words_are_met_with_a_suggestion(command: Command) -> None:

@@ -13,8 +13,8 @@ from cagesdf.frames import BEYOND
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh, face_areas, is_closed
 from cagesdf.geometry.solid import make_solid, union
-from cagesdf.sampling.parts import LARGEST, LEAST_CHUNKS, SMALLEST, PartSamples, sample_part
 from cagesdf.sampling import parts as part_sampling
+from cagesdf.sampling.parts import LARGEST, LEAST_CHUNKS, SMALLEST, PartSamples, sample_part
 from cagesdf.structure.hierarchy import Node
 from tests.support import toy
 

@@ -12,6 +12,7 @@ from cagesdf.cuboid import Cage
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.solid import union
+from cagesdf.sampling import shapes as sampling
 from cagesdf.sampling.shapes import (
     BOUND_BITS,
     Samples,
@@ -22,7 +23,6 @@ from cagesdf.sampling.shapes import (
     uniform_in,
     weight_bound,
 )
-from cagesdf.sampling import shapes as sampling
 from tests.support import toy
 from tests.support.analytic import box_sdf, sphere_sdf
 

@@ -16,6 +16,7 @@ from cagesdf.viewing.framing import world_per_pixel
 PATIENCE = 240.0  # seconds; only what is broken takes them
 SETTLED = "128 cells"
 CENTRE, LENGTHS, ROTATION = "Centre (file units)", "Lengths (file units)", "Rotation (degrees)"
+EYES = "//button[.//*[contains(@class, 'icon-tabler-eye')]]"
 NOISE = "Unable to preventDefault inside passive event listener"  # viser's own, as nodes are dragged
 
 
@@ -82,6 +83,29 @@ class EditorPage:
     @property
     def status(self) -> str:
         return self.value("Status")
+
+    @property
+    def parts(self) -> dict[str, bool]:
+        """Names in the list of parts, and whether their eyes are closed."""
+        names = self.page.locator(f"xpath={EYES}/parent::div/preceding-sibling::div[1]").all_inner_texts()
+        closed = [eye.locator(".icon-tabler-eye-off").count() > 0 for eye in self.page.locator(f"xpath={EYES}").all()]
+        return {name.strip().removeprefix("▸ "): hidden for name, hidden in zip(names, closed, strict=True)}
+
+    @property
+    def hidden(self) -> list[str]:
+        """Parts whose eyes are closed."""
+        return [part for part, closed in self.parts.items() if closed]
+
+    @property
+    def selected(self) -> list[str]:
+        """Parts that the list shows as selected."""
+        labels = self.page.locator(".mantine-Button-root").all_inner_texts()
+        return [label.removeprefix("▸ ") for label in labels if label.startswith("▸ ")]
+
+    def eye(self, part: str) -> Locator:
+        """The button beside a part's name that hides it."""
+        name = f"//button[normalize-space()='{part}' or normalize-space()='▸ {part}']"
+        return self.page.locator(f"xpath={name}/parent::div/following-sibling::div[1]//button")
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait for something to be so."""

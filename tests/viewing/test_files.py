@@ -44,6 +44,11 @@ def test_a_bad_script_is_refused_in_words(content: bytes, said: str) -> None:
         files.script_of("script.json", content)
 
 
+def test_a_bad_script_is_called_as_the_user_calls_it() -> None:
+    with pytest.raises(InputError, match=r"^My legs\.json: operation 0: "), files.script_called("My legs.json"):
+        files.script_of("My legs.json", b'[{"op": "explode"}]')
+
+
 def test_a_bad_program_is_refused_in_words() -> None:
     with pytest.raises(InputError):
         files.program_of("chair.txt", b"__import__('os').system('true')")
@@ -93,7 +98,7 @@ def test_a_member_without_a_name_is_no_mesh(tmp_path: Path) -> None:
 
 def test_a_mesh_file_is_taken_as_it_is(tmp_path: Path) -> None:
     path = files.meshes_of("../../My chair.GLB", b"glTF", tmp_path)
-    assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "My chair.glb", b"glTF")
+    assert (path.parent, path.name, path.read_bytes()) == (tmp_path, "My chair.GLB", b"glTF")
 
 
 # By what is wrong: the file's name, its bytes (made when the test runs: a zip holds the time), what is said.

@@ -1,6 +1,7 @@
 """Long work: it says how far it is, gives way at once, and nothing of what is cancelled arrives."""
 
 import threading
+import time
 from collections.abc import Callable
 
 import pytest
@@ -49,9 +50,9 @@ def test_cancelled_work_makes_room_at_once_learns_it_and_leaves_nothing() -> Non
     begun, go = threading.Event(), threading.Event()
 
     def work(progress: Progress) -> Callable[[], None]:
-        begun.set()
-        go.wait(PATIENCE)
         try:
+            begun.set()
+            go.wait(PATIENCE)
             progress("more")
         except Cancelled:
             learnt.set()
@@ -86,3 +87,46 @@ def test_what_is_wrong_with_work_is_said_and_other_work_may_begin() -> None:
         pass
     desk.jobs.start("read", lambda _: lambda: None)
     assert desk.ended.wait(PATIENCE)
+
+
+def test_cancelling_breaks_off_work_that_never_says_how_far_it_is_and_catches_all_errors() -> None:
+    desk, steps, begun = Desk(), [], threading.Event()
+
+    def work(progress: Progress) -> Callable[[], None]:
+        for step in range(10**9):
+            try:
+                time.sleep(1e-4)
+                steps[:] = [step]
+                begun.set()
+            except Exception:
+                raise AssertionError("an error of the step") from None
+        return lambda: None
+
+    desk.jobs.start("endless", work)
+    assert begun.wait(PATIENCE)
+    [thread] = [thread for thread in threading.enumerate() if thread.name == "endless"]
+    assert desk.jobs.cancel() == "endless"
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+    assert desk.said == []
+    assert desk.shown[-1] is None
+
+
+def test_a_job_that_is_cancelled_just_as_it_ends_never_reaches_the_next_one() -> None:
+    """Whenever it comes, either the result arrives or nothing does, and the thread ends without a trace."""
+    left: list[object] = []
+    before, threading.excepthook = threading.excepthook, lambda arguments: left.append(arguments.exc_type)
+    try:
+        for delay in range(200):
+            desk, results = Desk(), []
+            desk.jobs.start("short", lambda _, results=results: lambda: results.append(1))
+            [*threads] = [thread for thread in threading.enumerate() if thread.name == "short"]
+            for _ in range(delay):
+                pass
+            cancelled = desk.jobs.cancel()
+            for thread in threads:
+                thread.join(PATIENCE)
+            assert (cancelled is None) == (results == [1])
+    finally:
+        threading.excepthook = before
+    assert left == []
