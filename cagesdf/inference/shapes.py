@@ -21,7 +21,7 @@ from cagesdf.extraction.surface import Loose
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import union
-from cagesdf.inference.shapes.codes import InferenceSettings, Inferred, infer
+from cagesdf.inference.codes import InferenceSettings, Inferred, infer
 from cagesdf.io.runs import Run
 from cagesdf.models.codes import part_codes
 from cagesdf.models.latents import SHARED, LatentTable

@@ -9,7 +9,7 @@ from cagesdf.cuboid import Cage
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.points import CHUNK, PointChunks, join_chunks
-from cagesdf.sampling.parts import sample_part
+from cagesdf.sampling.parts import sample_part, shares
 from cagesdf.sampling.shapes import sample_points
 
 
@@ -40,8 +40,8 @@ def part_chunks(
 ) -> PointChunks:
     """Distances to each part's own surface; `solids` are the parts in the unit frames of their cuboids."""
     pieces = []
-    for part, solid in enumerate(solids):
-        samples = sample_part(solid, cage, part, counts.part_near, counts.part_uniform, CHUNK, rng)
+    for part, (solid, share) in enumerate(zip(solids, shares(solids, cage), strict=True)):
+        samples = sample_part(solid, cage, part, counts.part_near, counts.part_uniform, share, CHUNK, rng)
         zeros = np.zeros(len(samples.sdf), np.int64)
         fields = samples.points, samples.sdf, samples.near
         pieces.append(PointChunks(zeros, zeros + step, zeros + part, *fields, (shape_id,), cage.part_ids))

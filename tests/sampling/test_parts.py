@@ -14,7 +14,7 @@ from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh, face_areas, is_closed
 from cagesdf.geometry.solid import make_solid, union
 from cagesdf.sampling import parts as part_sampling
-from cagesdf.sampling.parts import LARGEST, LEAST_CHUNKS, SMALLEST, PartSamples, sample_part
+from cagesdf.sampling.parts import FEWEST, LARGEST, LEAST_CHUNKS, MOST, SMALLEST, PartSamples, sample_part, shares
 from cagesdf.structure.hierarchy import Node
 from tests.support import toy
 
@@ -32,9 +32,9 @@ def cage(size: tuple[float, float, float] = (0.6, 0.3, 0.1), seed: int = 0) -> C
 
 
 def sampled(
-    unit: Mesh, where: Cage, counts: tuple[float, float] = COUNTS, cuboid: int = 0, seed: int = 0
+    unit: Mesh, where: Cage, counts: tuple[float, float] = COUNTS, cuboid: int = 0, seed: int = 0, share: float = 1.0
 ) -> PartSamples:
-    return sample_part(unit, where, cuboid, *counts, CHUNK, np.random.default_rng(seed))
+    return sample_part(unit, where, cuboid, *counts, share, CHUNK, np.random.default_rng(seed))
 
 
 def flat(samples: PartSamples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -81,6 +81,25 @@ def test_a_part_has_its_least_chunks_and_a_rough_one_no_more_than_the_largest() 
     assert len(sampled(wire, cage(), (100.0, 50.0)).sdf) == -(-int(150 * SMALLEST) // CHUNK)
     assert face_areas(slats).sum() > LARGEST
     assert len(sampled(slats, cage(), (1.0, 0.5)).sdf) == -(-int(1.5 * LARGEST) // CHUNK)
+
+
+def test_points_are_multiplied_by_the_parts_share() -> None:
+    for share in (0.5, 1.0, 3.0):
+        assert 0 <= sampled(BOX, cage(), share=share).sdf.size - int(52 * 6 * share) < CHUNK
+
+
+def test_shares_are_roots_of_areas_over_their_mean_bounded_the_same_at_any_scale_and_place() -> None:
+    sizes = np.array([(0.4, 0.4, 0.4), (0.4, 0.4, 0.4), (0.2, 0.2, 0.2), (0.01, 0.01, 0.01), (2.0, 2.0, 2.0)])
+    rng = np.random.default_rng(0)
+    where = Cage(tuple("abcde"), rng.uniform(-1, 1, (5, 3)), np.tile(np.eye(3), (5, 1, 1)), sizes)
+    areas = 6 * sizes[:, 0] ** 2
+    for count in (1, 4, 5):
+        few = Cage(where.part_ids[:count], where.centre[:count], where.axes[:count], where.size[:count])
+        expected = np.sqrt(areas[:count] / areas[:count].mean()).clip(FEWEST, MOST)
+        np.testing.assert_allclose(shares([BOX] * count, few), expected)
+        larger = Cage(few.part_ids, 3 * few.centre + 1, few.axes, 3 * few.size)
+        np.testing.assert_allclose(shares([BOX] * count, larger), expected)
+    assert shares([BOX], cage()) == [1.0]
 
 
 def test_near_points_are_spread_evenly_over_the_surface_in_the_unit_frame() -> None:
