@@ -45,7 +45,7 @@ COLUMNS = ("largest gap, mean %", "worst %", "pairs with a gap", "pieces right")
 def gaps_of(run: Run, shapes: ShapeFolder, shape_id: str, step: int) -> tuple[list[float], bool, float]:
     """The gap of each attached pair, canonical; whether the surface has the true number of pieces; longest side."""
     sequence, shape = run.sequences[shape_id], shapes.read(shape_id)
-    truth = Truth.own(shape, sequence, step, DETAIL, Trilinear())
+    truth = Truth.of_own_cuboids(shape, sequence, step, DETAIL, Trilinear())
     solids = [as_manifold(mesh) for mesh in Trilinear().own_parts(shape, sequence, step)]
     surface = extract(field_of(run.decoder, run.latent(shape_id, step), sequence.cages[step]), CELLS)
     made = [surface.parts[part_id] for part_id in sequence.cages[step].part_ids]

@@ -138,6 +138,8 @@ class TrainParams(Params):
     code_dim: Count  # TriplaneDecoder: numbers of a part's code
     cells: Count  # of its planes, along each axis
     channels: Count  # numbers in each of those cells
+    line_cells: Count  # of its lines
+    line_channels: Count  # numbers in each of those cells
     context: Count  # width of its transformer
     context_layers: Count
     heads: Count

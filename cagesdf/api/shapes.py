@@ -149,7 +149,7 @@ class EditableShape(ModelledShape):
     def __init__(self, session: Session, shape_id: str, state: State) -> None:
         self._session = session
         self._document = Document.opened(shape_id, state)
-        self._live: dict[tuple[int, str, str, str], Live] = {}
+        self._live: dict[tuple[int, str, str, str, Each], Live] = {}
 
     @property
     def shape_id(self) -> str:

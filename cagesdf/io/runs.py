@@ -55,6 +55,8 @@ BOUNDS = {  # of sizes that are no widths
     "octaves": (0, 64),
     "cells": (2, 256),
     "channels": (1, 64),
+    "line_cells": (2, 1024),
+    "line_channels": (1, 64),
     "heads": (1, 64),
 }
 MAX_NUMBER = 2**62  # of points

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from browser.page import CENTRE, LENGTHS, EditorPage
 
 from cagesdf.viewing.server import Editor
+from tests.support.page import CENTRE, LENGTHS, EditorPage
 
 pytestmark = pytest.mark.slow
 Visit = Callable[[], EditorPage]

@@ -140,7 +140,17 @@ def test_latents_of_another_length_are_refused(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("size", "value"),
-    [("cells", 1), ("cells", 257), ("channels", 0), ("heads", 65), ("heads", 3), ("context", "8"), ("code_dim", None)],
+    [
+        ("cells", 1),
+        ("cells", 257),
+        ("channels", 0),
+        ("line_cells", 1),
+        ("line_channels", 65),
+        ("heads", 65),
+        ("heads", 3),
+        ("context", "8"),
+        ("code_dim", None),
+    ],
 )
 def test_sizes_that_make_no_network_are_refused_by_name(size: str, value: object, folder: Path) -> None:
     arm = json.loads((folder / "arm.json").read_text())

@@ -21,6 +21,8 @@ SIZES: dict[str, Any] = {
     "code_dim": 5,
     "cells": 4,
     "channels": 3,
+    "line_cells": 6,
+    "line_channels": 2,
     "context": 8,
     "context_layers": 2,
     "heads": 2,

@@ -96,6 +96,8 @@ def test_in_bfloat16_a_decoder_gives_what_float32_gives_within_rounding(
         code_dim=8,
         cells=4,
         channels=4,
+        line_cells=6,
+        line_channels=2,
         context=16,
         context_layers=1,
         heads=2,

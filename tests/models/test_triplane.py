@@ -1,4 +1,4 @@
-"""The decoder of parts: codes that see their whole cage, planes that are read as pictures are."""
+"""The decoder of parts: codes that see their whole cage, planes and lines that are read as pictures are."""
 
 from itertools import combinations
 
@@ -90,33 +90,46 @@ def test_codes_of_the_other_decoders_are_the_shapes_own(name: str) -> None:
     assert torch.equal(decoder.unit(torch.from_numpy(cage().vectors()).float()), torch.ones(PARTS))
 
 
-def slowly(planes: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """The features of one point: of each plane the four cells around it, each by its nearness. `planes` 3 c h w."""
+def place(coordinate: float, cells: int) -> float:
+    """A coordinate of the unit frame in cells."""
+    return float(np.clip((coordinate + 0.5 + BEYOND) / (1 + 2 * BEYOND), 0, 1)) * (cells - 1)
+
+
+def slowly(planes: np.ndarray, lines: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """The features of one point: of each plane the four cells around it, of each line the two, each by its nearness.
+
+    `planes` 3 c h w, `lines` 3 c r.
+    """
     features = []
     for plane, (a, b) in zip(planes, combinations(range(3), 2)):
         cells = plane.shape[-1]
-        u, v = (np.clip((point[k] + 0.5 + BEYOND) / (1 + 2 * BEYOND), 0, 1) * (cells - 1) for k in (a, b))
+        u, v = (place(point[k], cells) for k in (a, b))
         total = np.zeros(len(plane))
         for row in range(cells):
             for column in range(cells):
                 total += plane[:, row, column] * max(0, 1 - abs(u - column)) * max(0, 1 - abs(v - row))
         features.append(total)
+    for line, coordinate in zip(lines, point):
+        u = place(coordinate, line.shape[-1])
+        features.append(sum(line[:, i] * max(0, 1 - abs(u - i)) for i in range(line.shape[-1])))
     return np.concatenate(features)
 
 
-def test_planes_are_read_bilinearly_to_their_ends_and_hold_their_border_beyond() -> None:
+def test_planes_and_lines_are_read_linearly_to_their_ends_and_hold_their_border_beyond() -> None:
     decoder, rng = network(), np.random.default_rng(0)
     planes = rng.normal(size=(2, 3, decoder.channels, decoder.cells, decoder.cells)).astype(np.float32)
+    lines = rng.normal(size=(2, 3, decoder.line_channels, decoder.line_cells)).astype(np.float32)
     unit = rng.uniform(-0.8, 0.8, (2, 40, 3)).astype(np.float32)
     unit[:, 0], unit[:, 1] = 0.5 + BEYOND, 0.5
-    read = decoder.read(torch.from_numpy(planes).flatten(1), torch.from_numpy(unit)).numpy()
-    expected = np.array([[slowly(planes[g], point) for point in unit[g]] for g in range(2)])
+    given = (torch.from_numpy(numbers).flatten(1) for numbers in (planes, lines))
+    read = decoder.read(*given, torch.from_numpy(unit)).numpy()
+    expected = np.array([[slowly(planes[g], lines[g], point) for point in unit[g]] for g in range(2)])
     np.testing.assert_allclose(read, expected, atol=1e-5)
 
 
-def test_planes_are_linear_in_the_code() -> None:
+def test_planes_and_lines_are_linear_in_the_code() -> None:
     decoder, (a, b) = network(), torch.randn(2, 1, 6, generator=torch.Generator().manual_seed(0))
-    cuboid, count = torch.from_numpy(cage(1).vectors()).float(), 3 * 4 * 25
+    cuboid, count = torch.from_numpy(cage(1).vectors()).float(), 3 * (4 * 25 + 2 * 8)
     planes = [decoder.condition(code, cuboid)[:, :count] for code in (a, b, 0.3 * a + 0.7 * b)]
     torch.testing.assert_close(planes[2], 0.3 * planes[0] + 0.7 * planes[1])
 

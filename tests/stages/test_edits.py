@@ -36,7 +36,16 @@ TRIALS = TrialsParams(
     blend=0.1, points=500, detail=0.005, seed=7,
 )  # fmt: skip
 SIZES: dict[str, Any] = {"width": 16, "layers": 2, "latent_dim": 4, "mapping": (8,), "octaves": 1}
-SIZES |= {"code_dim": 4, "cells": 4, "channels": 2, "context": 8, "context_layers": 1, "heads": 2}
+SIZES |= {
+    "code_dim": 4,
+    "cells": 4,
+    "channels": 2,
+    "line_cells": 4,
+    "line_channels": 1,
+    "context": 8,
+    "context_layers": 1,
+    "heads": 2,
+}
 ARMS = {
     "cagesdf": {"decoder": "OccupancyDecoder", "latents": "source"},
     "cagesdf_global": {"decoder": "CageDecoder", "latents": "source"},

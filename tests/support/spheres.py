@@ -20,6 +20,8 @@ SIZES: dict[str, Any] = {  # of a small network of any kind
     "code_dim": 6,
     "cells": 5,
     "channels": 4,
+    "line_cells": 8,
+    "line_channels": 2,
     "context": 8,
     "context_layers": 1,
     "heads": 2,

@@ -23,6 +23,8 @@ FIGURES: dict[str, Any] = {
     "code_dim": 6,
     "cells": 4,
     "channels": 3,
+    "line_cells": 6,
+    "line_channels": 2,
     "context": 8,
     "context_layers": 1,
     "heads": 2,
@@ -33,7 +35,9 @@ def untrained() -> Session:
     """Two chairs in one cage, and a network that was never trained: what it says differs by cuboid and style."""
     decoder: Any = make_decoder("TriplaneDecoder", **FIGURES, seed=1)
     with torch.no_grad():
-        decoder.hidden[0].weight[:, 3 * decoder.channels :].mul_(8)  # of places: the surface goes through cuboids
+        decoder.hidden[0].weight[:, 3 * (decoder.channels + decoder.line_channels) :].mul_(
+            8
+        )  # of places: the surface goes through cuboids
         decoder.out.weight.mul_(4)
         decoder.out.bias.fill_(-0.2)  # no part is nothing
     labels = {"arm": "arm", "cube4": "arm", "Base/Side/leg": "leg", "Base/cube1/leg": "leg"}

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import toy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -12,6 +11,7 @@ from cagesdf.frames import Similarity
 from cagesdf.geometry.meshes import is_closed, join, signed_volume
 from cagesdf.parts.changing import changed
 from cagesdf.parts.finding import FoundParts, as_written, find_parts, parts_as_written
+from tests.support import toy
 
 WELD, THIN = 1e-5, 1e-4
 SAME = Similarity(1.0, np.eye(3), np.zeros(3))

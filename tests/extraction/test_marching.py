@@ -5,7 +5,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from analytic import box_sdf, sphere_sdf
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.measure import marching_cubes
@@ -15,6 +14,7 @@ from cagesdf.extraction import table
 from cagesdf.extraction.lattice import Lattice, strides_of
 from cagesdf.extraction.marching import crossed_cells, march, triangles
 from cagesdf.geometry.meshes import Mesh, edge_keys, signed_volume, topology
+from tests.support.analytic import box_sdf, sphere_sdf
 
 
 def padded(values: np.ndarray) -> np.ndarray:
