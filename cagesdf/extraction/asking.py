@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
@@ -22,6 +23,7 @@ WEAK = 1.0
 # A point on a face counts as inside where the surface ends before it by no more than this, in the shortest steps: parts
 # that fill their cuboids end there, and rounding would chamfer their edges by a cell.
 FILLED = 0.05
+AT_ONCE = 6_000  # a lattice of no more points is evaluated everywhere, which takes less time than choosing
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
 POSITIVE = np.float32(1)  # value beyond the faces
 
@@ -92,10 +94,9 @@ METHODS: dict[str, Method] = {"sparse": ask_sparsely, "dense": ask_densely}
 
 
 def first_strides(lattice: Lattice, reach: float) -> Triple:
-    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is.
-
-    It must be able to settle the middle of a cell of them.
-    """
+    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is."""
+    if prod(lattice.shape) <= AT_ONCE:
+        return (1, 1, 1)
     strides = []
     for step, cells in zip(lattice.steps.tolist(), lattice.cells.tolist()):
         stride = 1
@@ -140,7 +141,7 @@ def settled(
     loss, bend = np.float32(LIPSCHITZ * distance), np.float32(BEND * distance)
     high, low = np.maximum(high - loss, 0), np.minimum(low + loss, 0)
     if max(strides) > 2:
-        weak = WEAK * max(strides) / 4 * steps.max()
+        weak = WEAK * max(stride / 4 * step for stride, step in zip(strides, steps) if stride > 2)
         high, low = high * (high > weak), low * (low < -weak)
     else:
         mean = total * np.float32(0.5 ** len(halved))

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.geometry.distance import SurfaceDistance
-from cagesdf.geometry.meshes import Mesh, compact, edge_keys, join, signed_volume
+from cagesdf.geometry.meshes import Mesh, compact, edge_keys, face_normals, join, signed_volume
 from cagesdf.geometry.solid import as_manifold, cage_surface, from_manifold, union
 
 OVERSHOOT = 1e-3  # largest distance by which a surface may leave its cuboids, in cells
@@ -124,8 +124,9 @@ def count_pieces(mesh: Mesh) -> int:
     shells, shell = connected_components(coo_array((np.ones(len(ends[0]), bool), ends), (count, count)), directed=False)
     if shells < 2:
         return shells
-    a, b, c = mesh.corners().transpose(1, 0, 2)
-    return int((np.bincount(shell[mesh.faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)), shells) > 0).sum())
+    first = mesh.faces[:, 0]
+    volumes = np.einsum("ij,ij->i", mesh.vertices[first], face_normals(mesh))
+    return int((np.bincount(shell[first], volumes, shells) > 0).sum())
 
 
 def check(mesh: Mesh, cage: Cage, cell: float) -> float:

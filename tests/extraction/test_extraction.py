@@ -368,7 +368,7 @@ def test_asking_sparsely_gives_the_surface_of_asking_everywhere(seed: int) -> No
     field = field_of(waves(seed, slope), LATENT, random_cage(seed, 2))
     sparse, dense = (extract(field, 40, METHODS[name]) for name in ("sparse", "dense"))
     assert_same(sparse.mesh, dense.mesh)
-    assert sparse.asked < dense.asked
+    assert sparse.asked <= dense.asked
 
 
 @given(seed=st.integers(0, 10**6))
