@@ -1,6 +1,6 @@
 """The `cagesdf` command: look into artefacts, run programs, take surfaces out of trained networks and edit them.
 
-A file a family of commands; what they need is imported when they are called, so that the others start at once.
+One file per family of commands. Libraries are imported when a command is called, so that `--help` starts at once.
 """
 
 import os
@@ -36,7 +36,7 @@ def run() -> None:
     try:
         app(sys.argv[1:], exit_on_error=False, print_error=False)
     except BrokenPipeError:
-        # Who read the output has seen enough; what is still buffered must go somewhere when Python ends.
+        # The reader of the output has left; text that is still buffered must go somewhere when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except (cyclopts.CycloptsError, InputError, ShapeRejected, OSError) as error:
@@ -57,7 +57,7 @@ def _extra(module: str | None) -> str | None:
     except PackageNotFoundError:
         return None
     for requirement in requirements:
-        found = re.match(r"""([\w.-]+).*\bextra == ["']([\w-]+)["']""", requirement)
-        if found and module is not None and found[1].lower() == module.split(".")[0].lower():
-            return found[2]
+        matched = re.match(r"""([\w.-]+).*\bextra == ["']([\w-]+)["']""", requirement)
+        if matched and module is not None and matched[1].lower() == module.split(".")[0].lower():
+            return matched[2]
     return None

@@ -21,7 +21,7 @@ def fit(
 ) -> None:
     """Find the cuboids and the code of a shape that a network was not trained on, and write the surface it gives.
 
-    Prints what became of it: a sentence to a terminal, a JSON object else. Its verdict says whether the
+    Prints the result: a sentence to a terminal, a JSON object otherwise. Its verdict says whether the
     shape is like those that the network was trained on; the surface of one that is far from them should not be trusted.
 
     Parameters

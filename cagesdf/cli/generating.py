@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from cagesdf.io.runs import Run
     from cagesdf.shape_generation.surfaces import Order
 
-POINTS = 2048  # that a surface is sampled with before it is written
+POINTS = 2048  # samples of each surface
 COLUMNS = 8  # pictures in a row of the sheet
 CELL = 220  # pixels along a side of one of them
-SHOWN = 64  # shapes on the sheet, at most
+SHOWN = 64  # shapes on the sheet at most
 AHEAD = 2  # shapes for each worker that may be made before they are written
 
 
@@ -106,22 +106,22 @@ def generate(
         **outcomes,
         "seconds": round(time.perf_counter() - seconds, 2),
     }
-    kept = ", ".join(f"{number:,} {name}" for name, number in outcomes.items() if isinstance(number, int))
-    tell(summary, f"{out}: of {count:,} shapes {kept}; {summary['seconds']:.1f} s", as_json)
+    text = ", ".join(f"{number:,} {name}" for name, number in outcomes.items() if isinstance(number, int))
+    tell(summary, f"{out}: of {count:,} shapes {text}; {summary['seconds']:.1f} s", as_json)
 
 
 def _maker(
     trained: "Run", resolution: int, loose: str, stability: "Callable[[Cage], bool]", seed: int
 ) -> "Callable[[Order], GeneratedShape]":
-    """What makes a shape of an order, with random numbers of its own."""
+    """The function that makes the shape of an order; each order has random numbers of its own."""
     from cagesdf.extraction import LOOSE
     from cagesdf.seeds import item_rng
     from cagesdf.shape_generation.surfaces import Extracting, make_shape
 
-    how = Extracting(resolution, LOOSE[loose], POINTS, stability)
+    settings = Extracting(resolution, LOOSE[loose], POINTS, stability)
 
     def make(order: "Order") -> "GeneratedShape":
-        return make_shape(trained, how, item_rng(seed, "points", order.method, order.shape_id), order)
+        return make_shape(trained, settings, item_rng(seed, "points", order.method, order.shape_id), order)
 
     return make
 
@@ -134,11 +134,11 @@ def _written(
     warned: list[str],
     done: Callable[[], None],
 ) -> Iterator[dict[str, Any]]:
-    """Write each shape's files and its line of the index as it comes, at the end the sheet; yields their rows.
+    """Write each shape's files and its line of the index as it comes, then the sheet; yields rows of the index.
 
     Ids of shapes with warnings are appended to `warned`.
 
-    No shape is held but the SHOWN first.
+    Only the first SHOWN shapes are held.
     """
     shown: list[GeneratedShape] = []
     with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:

@@ -87,9 +87,9 @@ def _draw(path: Path, picture: Path) -> None:
     if picture.suffix.lower() != ".png":
         raise InputError(f"{picture}: wanted a name that ends in .png")
     check_folder(picture)
-    found = middle_slice(shard_paths(path, "shape")[0] if path.is_dir() else path)
+    middle = middle_slice(shard_paths(path, "shape")[0] if path.is_dir() else path)
     with replacing(picture) as partial:
-        draw_slice(found, partial)
+        draw_slice(middle, partial)
 
 
 def _artefact(folder: Path) -> list[str]:
@@ -137,6 +137,8 @@ def _manifest(folder: Path) -> dict[str, Any]:
 def _mesh(path: Path) -> str:
     """What can be said of one mesh."""
     from cagesdf.geometry.meshes import is_closed, signed_volume
+
+    """Counts, bounds and closedness of a mesh."""
     from cagesdf.io.meshes import read_ply
     from cagesdf.io.summary import aligned, indented
 

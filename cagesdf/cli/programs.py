@@ -36,7 +36,7 @@ def execute_programs(*paths: Path, out: Path | None = None, mesh: Path | None = 
     from cagesdf.structure.executor import execute
     from cagesdf.structure.parsing import read_program
 
-    files = list_programs(_some(paths))
+    files = list_programs(_given(paths))
     if mesh is not None and (len(files) != 1 or mesh.suffix.lower() != ".obj"):
         raise InputError(f"{mesh}: wanted one program and a name that ends in .obj; got {len(files):,} programs")
     for target in (out, mesh):
@@ -82,7 +82,7 @@ def signature(*paths: Path, kind: Literal["exact", "canonical"] = "canonical", s
     from cagesdf.structure.canonical import canonical_signature, exact_signature
 
     sign = {"exact": exact_signature, "canonical": canonical_signature}[kind]
-    files = list_programs(_some(paths))
+    files = list_programs(_given(paths))
     failures: list[ProgramError] = []
     classes: Counter[str] = Counter()
 
@@ -99,7 +99,7 @@ def signature(*paths: Path, kind: Literal["exact", "canonical"] = "canonical", s
     _complain(failures, len(files))
 
 
-def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+def _given(paths: tuple[Path, ...]) -> tuple[Path, ...]:
     if not paths:
         raise InputError("wanted files or folders with ShapeAssembly programs. See cagesdf --help.")
     return paths
@@ -108,7 +108,7 @@ def _some(paths: tuple[Path, ...]) -> tuple[Path, ...]:
 def _answers(
     files: Sequence[Path], answer: Callable[["AssemblyProgram"], dict[str, Any]], failures: list[ProgramError]
 ) -> Iterator[str]:
-    """A line of JSON for each program: its id, and the answer or what is wrong, which is noted too."""
+    """A line of JSON for each program: its id, and the answer or the error, which is appended to `failures`."""
     from cagesdf.structure.parsing import read_program
 
     done = Count("programs", len(files))

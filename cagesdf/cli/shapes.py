@@ -20,9 +20,8 @@ MAX_POINTS = 20_000_000
 def check(*sources: Path, include: str = "*") -> None:
     """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
 
-    A folder's shapes are those that `make own` would take; what else is in it is said first. Parts of a single mesh are
-    found, and it is said whether those of a file were taken and why. Exit status 1 if any
-    was rejected.
+    A folder's shapes are those that `make own` would take; other files in it are listed first. Parts of a single
+    mesh are found, and it is said whether those of a file were taken and why. Exit status 1 if any was rejected.
 
     Parameters
     ----------
@@ -49,8 +48,10 @@ def check(*sources: Path, include: str = "*") -> None:
 
 def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: Json = False) -> None:
     """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
+def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
+    """Find the parts of a whole shape and write them to be edited, SHAPE.parts.json, and SHAPE.glb to look at.
 
-    Prints how well cuboids hold them: a sentence to a terminal, a JSON object else. Beside the shape,
+    Prints how well cuboids hold them: a sentence to a terminal, a JSON object otherwise. Beside the shape,
     `make own` prefers the file to finding parts.
 
     Parameters
@@ -117,7 +118,7 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
 def sdf(source: Path, points: Path, out: Path, /, *, as_json: Json = False) -> None:
     """Write the signed distances of points to a shape, in its own frame and unit, negative inside.
 
-    Prints how the shape was repaired: a sentence to a terminal, a JSON object else.
+    Prints how the shape was repaired: a sentence to a terminal, a JSON object otherwise.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ OutFile = Annotated[
 ]
 Resolution = Annotated[int, Parameter(help="Cells along 2.1 times the radius of the shape's bounding sphere.")]
 Symmetry = Annotated[Literal["none", "x"], Parameter(help="x: a mirrored cage gets an exactly mirrored surface.")]
-Loose = Annotated[Literal["keep", "drop"], Parameter(help="drop: leave pieces out that hang on to nothing.")]
+Loose = Annotated[Literal["keep", "drop"], Parameter(help="drop: leave out components smaller than the largest.")]
 CuboidsFile = Annotated[Path | None, Parameter(help="A file of these kinds for the cuboids alone.")]
 
 
@@ -48,7 +48,7 @@ def extract(
 ) -> None:
     """Write the surface that a trained network gives for one of its shapes, in the frame and unit of your files.
 
-    Prints timings, evaluations of the network and what was checked of the mesh: a sentence to a terminal, JSON else.
+    Prints timings, evaluations of the network and checks of the mesh: a sentence to a terminal, JSON otherwise.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def extract(
     step
         Step of the shape's deformation sequence; 0 is the shape itself.
     method
-        sparse: ask the network where the surface can be; dense: at every grid point inside a cuboid, for comparison.
+        sparse: evaluate the network where the surface can be; dense: at every grid point of a cuboid, for comparison.
     """
     work = _Work(run, out, cuboids, resolution, symmetry, method=method, loose=loose)
     work.write(work.run.open(shape_id, step), as_json)
@@ -187,12 +187,12 @@ def side_by_side(cuboids: int) -> Iterator["Each"]:
 
 
 class _Work:
-    """One command's way from a run to a file: what it took, and what was checked."""
+    """One command: reads a run, extracts a surface, checks and writes it; keeps the time of each step."""
 
     def __init__(
         self, run: Path, out: Path, cuboids: Path | None, resolution: int, symmetry: str, **choices: str
     ) -> None:
-        """Choices are extraction's, by name. Raises InputError before anything is done in vain."""
+        """Choices are extraction's, by name. Raises InputError before anything is computed."""
         from cagesdf.io.exports import check_name
 
         for path in (out, *([cuboids] if cuboids else [])):
@@ -211,7 +211,7 @@ class _Work:
             self.run = load_run(run)
 
     def timed(self, name: str, what: str) -> AbstractContextManager[None]:
-        """Note how long the inside takes, and say what is done there if that is long."""
+        """Note the time that the context takes, and say what is done in it if that is long."""
         return working(what, self.seconds, name)
 
     def write(self, shape: "EditableShape", as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""How commands speak: to people in sentences, to programs in JSON, and of work that takes long while it lasts."""
+"""Output of commands: sentences for people, JSON for programs, progress on standard error."""
 
 import json
 import sys
@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-PATIENCE = 1.0  # seconds; work that takes no longer isn't spoken of
+PATIENCE = 1.0  # seconds; progress of shorter work isn't printed
 
 Json = Annotated[
     bool,
@@ -23,19 +23,19 @@ Json = Annotated[
 
 
 def tell(result: Mapping[str, Any], sentence: str, as_json: bool) -> None:
-    """Print what became of a command: the sentence to a terminal, otherwise, or if it is wanted, the result as JSON."""
+    """Print a command's result: as a sentence to a terminal, otherwise or with `as_json` as JSON."""
     print(json.dumps(result, ensure_ascii=False) if as_json or not sys.stdout.isatty() else sentence)
 
 
 def warn(sentences: Iterable[str]) -> None:
-    """Say on standard error what is wrong with a result that is written all the same."""
+    """Print warnings about a result, which is written all the same, on standard error."""
     for sentence in sentences:
         _say(f"warning: {sentence}")
 
 
 @contextmanager
 def working(what: str, seconds: dict[str, float] | None = None, name: str = "") -> Iterator[None]:
-    """Say on standard error what is done inside, if that takes longer than PATIENCE; note the time in `seconds`."""
+    """Print the step on standard error if the context takes longer than PATIENCE; note its time in `seconds`."""
     start = time.perf_counter()
     timer = threading.Timer(PATIENCE, _say, [f"{what} …"])
     timer.daemon = True
@@ -49,14 +49,14 @@ def working(what: str, seconds: dict[str, float] | None = None, name: str = "") 
 
 
 class Count:
-    """How many of some items are done, said on standard error at most once in PATIENCE seconds."""
+    """Progress through `total` items, printed on standard error at most once per PATIENCE seconds."""
 
     def __init__(self, what: str, total: int) -> None:
         self._what, self._total, self._done = what, total, 0
         self._last = time.perf_counter()
 
     def __call__(self) -> None:
-        """One more is done."""
+        """Count one more item."""
         self._done += 1
         if (now := time.perf_counter()) - self._last > PATIENCE:
             self._last = now

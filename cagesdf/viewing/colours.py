@@ -12,7 +12,7 @@ Colour = tuple[int, int, int]
 
 SELECTED: Colour = (255, 0, 128)  # outlines of what is selected
 AXES: tuple[Colour, Colour, Colour] = ((255, 32, 96), (32, 223, 128), (32, 128, 255))  # x, y, z, as the gizmo has them
-GOLDEN = 0.618  # of the colour circle, between one further hue and the next
+GOLDEN = 0.618  # share of the colour circle between consecutive further hues
 NUMBER = re.compile(r"[ _\-.]*\d+$")
 
 

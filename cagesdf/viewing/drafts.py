@@ -13,19 +13,19 @@ from cagesdf.editing.script import Script, dump
 from cagesdf.geometry.meshes import Mesh
 
 DAY = 86_400.0  # seconds
-MOST = 20  # drafts of one browser
-MOST_BYTES = 200_000_000  # of all drafts together
+MOST = 20  # drafts per browser
+MOST_BYTES = 200_000_000  # all drafts together
 _TOKEN = re.compile(r"[\w-]{43}", re.ASCII)  # 32 random bytes, as `secrets` writes them
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A document, and what was before anything was done to it here."""
+    """A document, and its state before anything was done to it here."""
 
     first: Document  # as it was opened, or made
     last: Document
     truth: Mesh | None  # the surface of the file that it comes from, canonical
-    saved: Document  # the one that was saved or exported last; `first` without any
+    saved: Document  # as last saved or exported; otherwise `first`, or the shape before it was made here
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,12 @@ class Draft:
 
     run: str  # by name
     shape_id: str  # the shape of the run that it starts from
-    name: str  # what the user calls it
-    script: Script  # that leads to it
-    made: int  # operations of it that made the shape: undo and reset go no further back
+    name: str  # given by the user
+    script: Script  # leads from the run's shape to it
+    made: int  # leading operations that made the shape: undo and reset go no further back
     truth: Mesh | None  # the surface of the file that it comes from, canonical
-    time: float  # of the last change, seconds
-    bytes: int  # that it takes, about
+    time: float  # last change, seconds since the epoch
+    bytes: int  # estimate of its memory
 
     @staticmethod
     def of(entry: Entry, run: str, now: float) -> "Draft":
@@ -83,8 +83,8 @@ class Drafts:
 
     def _tidy(self, browser: str) -> None:
         now = self._clock()
-        own = [key for key in self._drafts if key[0] == browser]
-        for key in own[: max(len(own) - MOST, 0)]:
+        keys = [key for key in self._drafts if key[0] == browser]
+        for key in keys[: max(len(keys) - MOST, 0)]:
             del self._drafts[key]
         total = sum(draft.bytes for draft in self._drafts.values())
         for key, draft in list(self._drafts.items()):
@@ -100,7 +100,7 @@ class Page:
 
     drafts: Drafts
     browser: str  # its token
-    number: int  # of the page
+    number: int  # unique among the server's pages
     open: Callable[[], Set[int]]  # numbers of the pages that are open
 
     def keep(self, run: str, entry: Entry) -> None:
@@ -109,9 +109,11 @@ class Page:
 
     def offered(self, run: str) -> dict[tuple[int, str], Draft]:
         """Drafts of a run, by page and name, whose pages are no longer open; the newest first."""
-        here = self.open()
+        open_pages = self.open()
         return {
-            key: draft for key, draft in self.drafts.of(self.browser).items() if key[0] not in here and draft.run == run
+            key: draft
+            for key, draft in self.drafts.of(self.browser).items()
+            if key[0] not in open_pages and draft.run == run
         }
 
     def drop(self, key: tuple[int, str]) -> None:
@@ -125,5 +127,5 @@ def new_token() -> str:
 
 
 def is_token(text: str) -> bool:
-    """Whether it may be one of `new_token`."""
+    """True for texts of the form that `new_token` gives."""
     return _TOKEN.fullmatch(text) is not None

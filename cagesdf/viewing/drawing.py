@@ -15,13 +15,13 @@ from cagesdf.shape_generation.surfaces import CodeSource
 from cagesdf.viewing.jobs import Progress
 from cagesdf.viewing.worker import COARSE
 
-TRIES = 5  # draws of a style, or of a shape with its style, of which the first that holds is taken
+TRIES = 5  # draws at most of a style, or of a shape with its style
 
 
 def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], progress: Progress) -> Document:
-    """Of at most TRIES documents that are drawn, the first whose surface is in as many pieces as its cuboids are.
+    """The first of at most TRIES drawn documents whose surface has as many components as its cuboids.
 
-    Otherwise the one that is torn least. A draw that raises InputError is none; it is raised if all are so.
+    Otherwise the one that is torn least. Draws that raise InputError are left out; if all do, InputError is raised.
     """
     live = session.live(COARSE, each=progress.each("surface of the draw"), fineness=PREVIEW)
     best, least, reasons = None, np.inf, []
@@ -43,7 +43,7 @@ def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], 
 
 
 def tears(session: Session, state: State, live: Live) -> int:
-    """How many parts of a state's surface are in pieces or missing, and how many pieces it has too many."""
+    """Number of parts that are torn or missing, plus components of the surface beyond those of the cuboids."""
     health = Health.of(live.surface(state), state, COARSE, PREVIEW)
     return len(health.torn) + max(health.components - health.expected, 0)
 

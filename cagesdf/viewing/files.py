@@ -1,4 +1,4 @@
-"""What comes into the editor and leaves it as files. Uploads are untrusted: bounded, read by the checked readers."""
+"""Uploads and downloads of the editor. Uploads are untrusted: bounded, and read by the checked readers."""
 
 import io
 import lzma
@@ -22,35 +22,35 @@ from cagesdf.structure.program import AssemblyProgram
 from cagesdf.text import decode
 
 FORMATS = tuple(ending.removeprefix(".") for ending in WRITERS)
-MAX_BYTES = 4_000_000  # of a script or program
-MAX_MESH_BYTES = 40_000_000  # of meshes, unpacked
+MAX_BYTES = 4_000_000  # per script or program
+MAX_MESH_BYTES = 40_000_000  # all meshes of an upload, unpacked
 MAX_MESHES = 150  # in an archive
-MAX_NAME = 200  # bytes of a file's name
-# What zipfile raises for content that is damaged, encrypted, or packed in a way that it doesn't know; ValueError for
-# names and places that can't be.
+MAX_NAME = 200  # bytes per file name
+# Raised by zipfile for content that is damaged, encrypted or packed by an unknown method; ValueError for impossible
+# names and offsets.
 DAMAGED = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError, RuntimeError, EOFError, OSError,
     ValueError, OverflowError,
 )  # fmt: skip
 
 
-def exported(found: Extraction, state: State, ending: str) -> bytes:
+def exported(surface: Extraction, state: State, ending: str) -> bytes:
     """A state's surface as a file of one of FORMATS: what `cagesdf edit` writes.
 
     Raises InputError if there is no surface, and as `write_model`.
     """
-    return _content(write_model, found, state, ending)
+    return _content(write_model, surface, state, ending)
 
 
-def exported_boxes(found: Extraction, state: State, ending: str) -> bytes:
+def exported_boxes(surface: Extraction, state: State, ending: str) -> bytes:
     """A state's cuboids as a file of one of FORMATS: what `cagesdf edit --cuboids` writes. Raises as `exported`."""
-    return _content(write_boxes, found, state, ending)
+    return _content(write_boxes, surface, state, ending)
 
 
-def _content(write: Callable[[Path, Model], None], found: Extraction, state: State, ending: str) -> bytes:
-    if not len(found.mesh.faces):
+def _content(write: Callable[[Path, Model], None], surface: Extraction, state: State, ending: str) -> bytes:
+    if not len(surface.mesh.faces):
         raise InputError("the network gives no surface for these cuboids in this style; nothing to export")
-    model = model_of(found, state)
+    model = model_of(surface, state)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"shape.{ending}"
         write(path, model)
@@ -85,8 +85,8 @@ def meshes_of(name: str, content: bytes, folder: Path) -> Path:
         raise InputError(f"{name}: {len(content):,} bytes; wanted at most {MAX_MESH_BYTES:,}")
     suffix = PurePosixPath(name).suffix.lower()
     if suffix == ".zip":
-        for own, mesh in _unpacked(name, content).items():
-            (folder / own).write_bytes(mesh)
+        for member, mesh in _unpacked(name, content).items():
+            (folder / member).write_bytes(mesh)
         return folder
     if suffix not in MESH_SUFFIXES:
         raise InputError(f"{name}: wanted a {', '.join(MESH_SUFFIXES)} file, or a .zip with one for each part")
@@ -100,31 +100,37 @@ def meshes_of(name: str, content: bytes, folder: Path) -> Path:
 
 def _unpacked(name: str, content: bytes) -> dict[str, bytes]:
     """The meshes of a zip by their own names, without folders."""
-    found: dict[str, bytes] = {}
+    meshes: dict[str, bytes] = {}
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             for member in archive.infolist():
-                own = PurePosixPath(member.filename.replace("\\", "/")).name
+                name_inside = PurePosixPath(member.filename.replace("\\", "/")).name
                 # A member may have no name at all, of which zipfile can't say whether it is a folder.
-                if own.startswith(".") or PurePosixPath(own).suffix.lower() not in MESH_SUFFIXES or member.is_dir():
+                if (
+                    name_inside.startswith(".")
+                    or PurePosixPath(name_inside).suffix.lower() not in MESH_SUFFIXES
+                    or member.is_dir()
+                ):
                     continue
-                if own in found:
-                    raise InputError(f"{name}: two meshes are called {own}; give each part a name of its own")
-                if len(own.encode("utf-8")) > MAX_NAME or not own.isprintable():
-                    raise InputError(f"{name}: a mesh is called {own[:SHOWN]!r}; wanted at most {MAX_NAME} letters")
-                left = MAX_MESH_BYTES - sum(map(len, found.values()))
+                if name_inside in meshes:
+                    raise InputError(f"{name}: two meshes are called {name_inside}; give each part a name of its own")
+                if len(name_inside.encode("utf-8")) > MAX_NAME or not name_inside.isprintable():
+                    raise InputError(
+                        f"{name}: a mesh is called {name_inside[:SHOWN]!r}; wanted at most {MAX_NAME} letters"
+                    )
+                left = MAX_MESH_BYTES - sum(map(len, meshes.values()))
                 with archive.open(member) as stream:
-                    found[own] = stream.read(left + 1)
-                if len(found[own]) > left or len(found) > MAX_MESHES:
+                    meshes[name_inside] = stream.read(left + 1)
+                if len(meshes[name_inside]) > left or len(meshes) > MAX_MESHES:
                     most = f"at most {MAX_MESHES} meshes of {MAX_MESH_BYTES:,} bytes together"
                     raise InputError(f"{name}: holds too much; wanted {most}")
     except InputError:
         raise
     except DAMAGED as error:
         raise InputError(f"{name}: can't be read as a zip ({error})") from error
-    if not found:
+    if not meshes:
         raise InputError(f"{name}: holds no mesh; wanted a {', '.join(MESH_SUFFIXES)} file for each part")
-    return found
+    return meshes
 
 
 def _text(name: str, content: bytes) -> str:

@@ -1,4 +1,4 @@
-"""Where the camera stands so that cuboids fill the view."""
+"""Camera positions from which cuboids fill the view."""
 
 import numpy as np
 from jaxtyping import Float
@@ -6,8 +6,8 @@ from numpy import ndarray
 
 from cagesdf.cuboid import Cage
 
-FILLED = 0.8  # of the view, in the direction that is filled first
-# Directions from the shape to the camera; canonical, y up. From the top a hair to the front: up must not be the way.
+FILLED = 0.8  # share of the view's width or height, whichever is filled first
+# Directions from the shape to the camera; canonical, y up. None is straight up: the top view is a hair to the front.
 VIEWS: dict[str, tuple[float, float, float]] = {
     "Perspective": (0.52, 0.32, 0.79),
     "Front": (0.0, 0.0, 1.0),

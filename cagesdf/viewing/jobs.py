@@ -1,4 +1,4 @@
-"""Long work of a tab: in the background, one at a time; it says how far it is, and can be cancelled."""
+"""Long work of a tab: in the background, one job at a time, with progress, and cancelled at once."""
 
 import ctypes
 import threading
@@ -17,10 +17,10 @@ class Cancelled(BaseException):
 
 @dataclass(frozen=True)
 class Stand:
-    """How far some work is."""
+    """Progress of a job."""
 
     job: str
-    what: str  # of it is being done
+    what: str  # the step that is running
     done: float  # from 0 to 1
 
     def __str__(self) -> str:
@@ -28,7 +28,7 @@ class Stand:
 
 
 class Progress:
-    """The end of a job that its work holds: it says how far it is, and is broken off here or elsewhere."""
+    """Handle that a job's work holds: it reports progress, and through it the work is broken off."""
 
     def __init__(self, job: str, show: Callable[[Stand], None]) -> None:
         self._job, self._show = job, show
@@ -37,7 +37,7 @@ class Progress:
         self._thread: int | None = None  # inside `breakable`
 
     def __call__(self, what: str, done: float = 0.0) -> None:
-        """Say what is being done, and which share of it is done. Raises Cancelled once the job is cancelled."""
+        """Show the running step and the share of the job that is done. Raises Cancelled once the job is cancelled."""
         with self._lock:
             if self._cancelled.is_set():
                 raise Cancelled
@@ -67,7 +67,7 @@ class Progress:
 
     @property
     def cancelled(self) -> bool:
-        """Whether the job is no longer wanted."""
+        """True once the job is no longer wanted."""
         return self._cancelled.is_set()
 
     def each(self, what: str) -> Callable[[Callable[[int], Part], Iterable[int]], Iterator[Part]]:
@@ -82,7 +82,7 @@ class Progress:
         return through
 
 
-# Long work: it returns what is to be done with its result, under the tab's lock, unless it is cancelled meanwhile.
+# Long work. It returns an action that uses the result, called under the tab's lock unless the job was cancelled.
 Work = Callable[[Progress], Callable[[], None]]
 
 
@@ -95,14 +95,14 @@ class Jobs:
         finish: Callable[[Callable[[], None]], None],
         fail: Callable[[str], None],
     ) -> None:
-        """`show` is called with the stand of the work, None once there is none; `finish` with what is to be done
-        with a result; `fail` with what went wrong."""
+        """`show` is called with the progress of the job, None once there is none; `finish` with the action that uses
+        a result; `fail` with an error's text."""
         self._show, self._finish, self._fail = show, finish, fail
         self._lock = threading.Lock()
         self._running: tuple[str, Progress] | None = None
 
     def start(self, what: str, work: Work) -> None:
-        """Begin some work. Raises InputError while there is other work."""
+        """Begin a job. Raises InputError while another one is running."""
         progress = Progress(what, lambda stand: self._tell(progress, stand))
         with self._lock:
             if self._running is not None:
@@ -113,7 +113,7 @@ class Jobs:
 
     @property
     def running(self) -> bool:
-        """Whether there is work."""
+        """True while a job is running."""
         with self._lock:
             return self._running is not None
 
@@ -143,7 +143,7 @@ class Jobs:
             self._ended(progress)
 
     def _ended(self, progress: Progress) -> bool:
-        """Make room for other work; whether this was still wanted."""
+        """Make room for another job. Returns whether this one was still wanted."""
         with self._lock:
             if self._running is None or self._running[1] is not progress:
                 return False

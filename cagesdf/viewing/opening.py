@@ -1,4 +1,4 @@
-"""From folders to what tabs share."""
+"""Runs opened for the editor: from folders to the records that all tabs share."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -25,8 +25,8 @@ from cagesdf.viewing.thumbnails import Thumbnails
 
 Read = Callable[[Path], Shape]  # the one shape of a source; raises InputError
 
-DIRECTIONS = 5  # principal ones that have a slider
-KEPT = 32  # true surfaces that are held at once
+DIRECTIONS = 5  # principal directions with a slider
+KEPT = 32  # true surfaces in memory
 
 
 def opened(
@@ -53,7 +53,7 @@ def opened(
 
 
 def named(runs: Sequence[Path]) -> dict[str, Path]:
-    """Runs by the shortest ends of their paths that tell them apart: chair/cagesdf and table/cagesdf.
+    """Runs by the shortest distinct ends of their paths: chair/cagesdf and table/cagesdf.
 
     Raises InputError for one that is given twice.
     """
@@ -68,7 +68,7 @@ def named(runs: Sequence[Path]) -> dict[str, Path]:
 
 
 def _codes(run: Run) -> Callable[[], CodeSource]:
-    """Where new codes come from; it is fitted, which takes seconds, by the first who asks."""
+    """The source of new codes, fitted by the first call, which takes seconds."""
     lock = threading.Lock()
     source: list[CodeSource] = []
 
@@ -84,7 +84,7 @@ def _codes(run: Run) -> Callable[[], CodeSource]:
 def _taken(
     run: Run, known: Known, read: Read, settings: FitSettings, source: Path, name: str, progress: Progress
 ) -> Taken:
-    """What `cagesdf fit` finds of a source, step by step; `name` is what the user calls it."""
+    """Cuboids and codes of a source as `cagesdf fit` finds them, with progress; `name` is the user's name for it."""
     progress("reading and closing parts")
     shape = read(source)
     progress(f"fitting {len(shape.parts)} cuboids", 0.2)

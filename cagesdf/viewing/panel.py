@@ -1,4 +1,4 @@
-"""The controls of one tab. They say what was done to them; what it means is the tab's business."""
+"""The controls of one tab. Each calls an action; the tab decides what it does."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ WHOLE = "the whole shape"
 
 @dataclass(frozen=True)
 class Actions:
-    """What a tab does when a control is used. The status line says what goes wrong in one."""
+    """Actions of a tab that controls call. Errors of an action are shown in a notice."""
 
     open_shape: Callable[[str], None]
     restore: Callable[[int], None]  # a draft, by its number in `show_drafts`
@@ -39,10 +39,10 @@ class Actions:
     place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
     lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
     angles: Callable[[tuple[float, float, float]], None]  # degrees; see `angles.angles_of`
-    redraw: Callable[[], None]  # what is shown changed, not the shape
-    compare: Callable[[], None]  # more or less of the true surface is to be seen
-    look: Callable[[], None]  # the same surface is to be seen otherwise
-    darken: Callable[[], None]  # the page is to be dark, or light
+    redraw: Callable[[], None]  # the view changed, not the shape
+    compare: Callable[[], None]  # the opacity of the true surface changed
+    look: Callable[[], None]  # the look of the surface changed
+    darken: Callable[[], None]  # dark or light was chosen
     view: Callable[[str], None]  # from one of `framing.VIEWS`
     help: Callable[[], None]
     open_run: Callable[[str], None]
@@ -64,7 +64,7 @@ class Actions:
 class Panel:
     """Handles of the controls."""
 
-    # viser's own types for these say that values can't be set.
+    # viser's type stubs say that values of these can't be set.
     shape: Any
     status: Any
     surface: Any
@@ -275,7 +275,7 @@ class Panel:
                 self._draft_buttons[-1].on_click(lambda _: self._guard(self._forget))
 
     def show_work(self, what: str | None, done: float) -> None:
-        """What is done in the background, None: nothing, and which share of it is done."""
+        """The job in the background (None: no job) and the share of it that is done."""
         self.cancel.label = IDLE if what is None else f"{IDLE}: {what}"
         self.cancel.disabled = what is None
         self.work.value, self.work.animated = 100 * float(np.clip(done, 0, 1)), what is not None
@@ -289,7 +289,7 @@ class Panel:
         return self.styles.show(shape_ids[:most])
 
     def show_target(self, parts: str) -> None:
-        """What a style is for: names of parts, or WHOLE."""
+        """The target of a style: names of parts, or WHOLE."""
         self._style_for.content = f"Click a picture: its style for **{parts}**."
 
     def show_shapes(self, made: Sequence[str], chosen: str) -> None:
@@ -301,7 +301,7 @@ class Panel:
             self.shape.value = chosen
 
     def show_health(self, health: str, warnings: Sequence[str]) -> None:
-        """A line about the surface, and what is wrong with it."""
+        """A line about the surface, and warnings."""
         lines = [f"⚠ **{warning}**" for warning in warnings]
         self.health.content = "\n\n".join([f"Health: {health}", *lines])
 
@@ -313,7 +313,7 @@ class Panel:
                 box.value = tuple(round(float(number), 4) + 0.0 for number in numbers)
 
     def show_program(self, values: Mapping[str, float], grouped: Mapping[str, Mapping[str, str]]) -> None:
-        """The program's parameters, by part and plain name; without any the folder isn't there."""
+        """The program's parameters, by part and plain name; the folder is hidden if there are none."""
         self._values, self._grouped = values, grouped
         self.program.visible = bool(values)
         groups = tuple(grouped) or (NOTHING,)
@@ -337,7 +337,7 @@ class Panel:
             self.value.value = round(self._values[self._parameter], 5)
 
     def show_style(self, places: np.ndarray) -> None:
-        """Where the style is along the principal directions."""
+        """Coordinates of the style along the principal directions."""
         for slider, place in zip(self.directions, places):
             slider.value = float(np.clip(place, slider.min, slider.max))
 

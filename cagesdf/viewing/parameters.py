@@ -14,9 +14,9 @@ SQUEEZED = {"u": "sideways", "v": "upwards"}
 
 
 def grouped(structure: Structure, parameters: Mapping[str, float]) -> dict[str, dict[str, str]]:
-    """By part, or block, what its numbers are called, and their parameters: {"seat": {"height": "Program_0.cube1.y"}}.
+    """Plain names of numbers and their parameters, by part or block: {"seat": {"height": "Program_0.cube1.y"}}.
 
-    Names are unique within a part; what fills several places goes by the first part that it is of.
+    Names are unique within a part; a cuboid that fills several places is listed under the first of its parts.
     """
     owners = _owners(structure)
     groups: dict[str, dict[str, str]] = {}

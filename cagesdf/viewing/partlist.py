@@ -17,12 +17,13 @@ EYE = 34  # pixels
 # viser's buttons are rows; an eye stands in the row of the name before it.
 STYLE = f"""<style>
 div:has(> .mantine-Button-root .icon-tabler-eye), div:has(> .mantine-Button-root .icon-tabler-eye-off) {{
-  display: inline-block; width: {EYE}px; vertical-align: top; padding: 0 !important; margin-right: 0 !important;
+  display: inline-block; vertical-align: top; width: {EYE}px; margin: 0 !important; padding: 0 !important;
   .mantine-Button-root {{ padding: 0; background: none; color: var(--mantine-color-text); }}
   .mantine-Button-section {{ margin: 0; }}
 }}
 div:has(+ div > .mantine-Button-root .icon-tabler-eye), div:has(+ div > .mantine-Button-root .icon-tabler-eye-off) {{
-  display: inline-block; width: calc(100% - {EYE}px); vertical-align: top;
+  display: inline-block; vertical-align: top; width: calc(100% - {EYE}px - 1em);
+  margin: 0 0 5px 0.6em !important; padding: 0 !important;
 }}
 </style>"""
 

@@ -1,4 +1,4 @@
-"""Which cuboids are under the mouse."""
+"""Cuboids under the mouse."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from cagesdf.cuboid import Cage
 
 
 def entries(cage: Cage, origin: Float[ndarray, " 3"], direction: Float[ndarray, " 3"]) -> Float[ndarray, " k"]:
-    """How far along a ray, in lengths of `direction`, each cuboid begins: 0 from inside, inf where it isn't met."""
+    """Distance to each cuboid along a ray, in lengths of `direction`: 0 from inside, inf for a miss."""
     start = np.einsum("kij,kj->ki", cage.axes, origin - cage.centre)
     slope = cage.axes @ direction
     with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face: ±inf, or NaN in the face itself
@@ -22,12 +22,13 @@ def entries(cage: Cage, origin: Float[ndarray, " 3"], direction: Float[ndarray, 
 
 def along(cage: Cage, origin: Float[ndarray, " 3"], direction: Float[ndarray, " 3"]) -> tuple[str, ...]:
     """The cuboids that a ray meets, nearest first."""
-    found = entries(cage, origin, direction)
-    return tuple(cage.part_ids[i] for i in np.argsort(found, kind="stable").tolist() if np.isfinite(found[i]))
+    distances = entries(cage, origin, direction)
+    order = np.argsort(distances, kind="stable").tolist()
+    return tuple(cage.part_ids[i] for i in order if np.isfinite(distances[i]))
 
 
 def clicked(parts: Sequence[str], selected: Sequence[str], more: bool) -> tuple[str, ...]:
-    """What is selected after a click on `parts`, nearest first.
+    """The selection after a click on `parts`, nearest first.
 
     The nearest one; when that alone was selected already, the next behind it, so that what is hidden can be reached.
     With `more` the nearest is added to the others, or taken from them. Nothing, where nothing was clicked.

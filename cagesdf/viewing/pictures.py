@@ -38,7 +38,7 @@ class PictureGrid:
         self._folder = gui.add_folder(title)
 
     def show(self, names: Sequence[str]) -> bool:
-        """These names, without pictures yet, if they aren't there already; whether they weren't."""
+        """Show these names, without pictures yet. Returns whether they differ from those shown before."""
         if self._names == [*names]:
             return False
         self._names = list(names)
@@ -55,7 +55,7 @@ class PictureGrid:
         return True
 
     def put(self, name: Hashable, picture: Picture) -> None:
-        """The picture of a name, if it is still there."""
+        """Set the picture of a name, if the name is still shown."""
         if name in self._names:
             _put(self._tiles[self._names.index(name)], as_url(picture))
 

@@ -1,4 +1,4 @@
-"""What becomes of exceptions in the editor: nobody sees a traceback, and none is lost."""
+"""Exceptions in the editor: shown in one line, and logged with their traceback where they are defects."""
 
 import logging
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What one tab shows: the surface, coloured by part, translucent cuboids, a gizmo or handles on what is selected."""
+"""The scene of one tab: the surface, coloured by part, translucent cuboids, a gizmo or handles on the selection."""
 
 import threading
 from collections.abc import Callable, Mapping, Sequence, Set
@@ -36,7 +36,7 @@ Pull = Callable[[str, int, int, float], None]  # phase, axis, side (-1 or 1), ho
 
 
 def quaternion(axes: Float[ndarray, "3 3"]) -> Float[ndarray, " 4"]:
-    """Of a frame whose axes are the rows: w, x, y, z."""
+    """Quaternion (w, x, y, z) of a frame whose axes are the rows."""
     return np.roll(Rotation.from_matrix(axes.T).as_quat(), 1)
 
 
@@ -58,18 +58,19 @@ class Stage:
         self._client, self._scene = client, client.scene
         self._click, self._move, self._pull = click, move, pull
         self._boxes: dict[str, Any] = {}
-        # Of boxes and gizmos: a node that had the name of an earlier one would begin with its pose.
-        self._numbers = count()
-        self._cage: Cage | None = None  # of what can be clicked
-        self._pieces: list[tuple[str, Any]] = []  # of the surface, with their parts
+        self._numbers = count()  # of boxes and gizmos: a node with an earlier one's name would begin with its pose
+        self._cage: Cage | None = None  # cuboids that can be clicked
+        self._pieces: list[tuple[str, Any]] = []  # the surface, cut by part: part id and node
         self._handles: dict[tuple[int, int], Any] = {}
-        self._following = threading.Lock()  # of what follows the camera, which the event loop says is elsewhere
-        # What the camera was placed for, the view's width over its height then, and its last places: what a page says
-        # of its camera may be older than the newest.
+        self._following = (
+            threading.Lock()
+        )  # guards nodes that follow the camera, whose updates come from the event loop
+        # The cage that the camera was placed for, the view's width over its height then, and the camera's last
+        # positions: a page may report an older one than the newest.
         self._framed: tuple[Cage, float] | None = None
         self._places: tuple[Float[ndarray, " 3"], ...] = (np.array(client.camera.position),)
         self._gizmo: Any = None
-        self._tool = ""  # that the gizmo was made for
+        self._tool = ""  # the gizmo's
         self._edges: Any = None
         self._outline: Any = None
         self._truth: Any = None
@@ -94,7 +95,7 @@ class Stage:
         with self._following:
             self._framed, self._gizmo, self._handles = None, None, {}
 
-    # Where from
+    # Camera
 
     def frame(self, cage: Cage, view: str | None = None) -> None:
         """Look at a cage so that it fills the view: from one of VIEWS, or from where the camera is."""
@@ -123,7 +124,7 @@ class Stage:
         return world_per_pixel(float(np.linalg.norm(camera.position - point)), camera.fov, camera.image_height)
 
     def _resize(self) -> None:
-        """Gizmo and handles as large on the screen as ever."""
+        """Keep the size of gizmo and handles on the screen."""
         with self._following:
             sizes = [(handle, HANDLE_PIXELS) for handle in self._handles.values()]
             if self._gizmo is not None:
@@ -133,7 +134,7 @@ class Stage:
                 if abs(node.scale - scale) > 0.02 * scale:
                     node.scale = scale
 
-    # What is seen
+    # Nodes
 
     def show_dark(self, dark: bool) -> None:
         """The ground's lines for a dark page or a light one."""
@@ -154,15 +155,15 @@ class Stage:
                     cage.part_ids[i],
                     self._scene.add_mesh_simple(
                         f"/surface/{i}",
-                        own.vertices.astype(np.float32),
-                        own.faces.astype(np.uint32),
+                        piece.vertices.astype(np.float32),
+                        piece.faces.astype(np.uint32),
                         color=rgb(CLAY) if look == "Clay" else colours[cage.part_ids[i]],
                         wireframe=look == "Wireframe",
                         visible=cage.part_ids[i] not in hidden,
                     ),
                 )
                 for i in np.unique(owner).tolist()
-                if len((own := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
+                if len((piece := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
             ]
 
     def show_look(self, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
@@ -181,7 +182,7 @@ class Stage:
         locked: Set[str],
         shown: bool,
     ) -> None:
-        """The cuboids; those of the same parts are moved, others are made anew. Selecting changes outlines alone."""
+        """The cuboids: moved while the parts are the same, otherwise made anew. Selecting changes outlines alone."""
         free = [part for part in cage.part_ids if part not in hidden]
         self._cage = Cage.of({part: cage[part] for part in free if part not in locked})
         with self._client.atomic():
@@ -194,8 +195,8 @@ class Stage:
                 box.position, box.wxyz, box.dimensions = cuboid.centre, quaternion(cuboid.axes), tuple(cuboid.size)
                 box.color, box.opacity, box.visible = colours[part], BOX_OPACITY, shown and part in free
             edged = free if shown else []
-            own = np.array([colours[part] for part in edged], np.uint8).reshape(-1, 3)
-            self._edges = self._lines("/edges", cage, edged, own, EDGE_WIDTH)
+            part_colours = np.array([colours[part] for part in edged], np.uint8).reshape(-1, 3)
+            self._edges = self._lines("/edges", cage, edged, part_colours, EDGE_WIDTH)
             outlined = [part for part in selected if part in cage.part_ids]
             pink = np.tile(np.array(SELECTED, np.uint8), (len(outlined), 1))
             self._outline = self._lines("/outline", cage, outlined, pink, OUTLINE_WIDTH)
@@ -222,9 +223,9 @@ class Stage:
             self._click(along(self._cage, origin, direction), more)
 
     def _on_handle(self, origin: Float[ndarray, " 3"], direction: Float[ndarray, " 3"]) -> bool:
-        """Whether a ray meets a handle; what is grabbed isn't clicked."""
-        ways = [(np.asarray(handle.position) - origin, handle.scale) for handle in self._handles.values()]
-        return any(np.linalg.norm(np.cross(way, direction)) <= radius for way, radius in ways)
+        """Whether a ray meets a handle: grabbing one is no click."""
+        handles = [(np.asarray(handle.position) - origin, handle.scale) for handle in self._handles.values()]
+        return any(np.linalg.norm(np.cross(offset, direction)) <= radius for offset, radius in handles)
 
     def show_gizmo(self, centre: Float[ndarray, " 3"] | None, axes: Float[ndarray, "3 3"], tool: str) -> None:
         """The gizmo there, with arrows or rings; nowhere with None, and where faces are pulled instead."""
@@ -283,10 +284,10 @@ class Stage:
         grabbed: dict[str, ndarray] = {}
 
         async def dragged(event: Any) -> None:
-            there = np.asarray(event.end_position)
+            end = np.asarray(event.end_position)
             if event.phase == "start":
                 grabbed["from"], grabbed["along"] = np.asarray(event.start_position), side * self._handled.axes[axis]
-            self._pull(event.phase, axis, side, float((there - grabbed["from"]) @ grabbed["along"]))
+            self._pull(event.phase, axis, side, float((end - grabbed["from"]) @ grabbed["along"]))
 
         handle.on_drag(dragged)
         return handle
@@ -304,5 +305,5 @@ class Stage:
 
 
 def label_of(names: Mapping[str, str], parts: Sequence[str]) -> str:
-    """What is selected, in words."""
+    """Names of selected parts as one text."""
     return ", ".join(names[part] for part in parts) or "nothing"

@@ -26,9 +26,9 @@ from cagesdf.viewing.framing import VIEWS, camera_for
 from cagesdf.viewing.tab import Opened, Tab
 
 COOKIE = "cagesdf-"  # with the port: cookies of one host are those of all its ports
-PORTS = range(8080, 8180)  # that are tried where none is named
+PORTS = range(8080, 8180)  # tried in turn if no port is named
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-# Pages of this machine, and what is no page.
+# Pages of this machine, and clients that are no pages.
 OWN_PAGES = (re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"), None)
 
 
@@ -79,7 +79,7 @@ class Server(viser.ViserServer):
 
     def browser_of(self, client: int) -> str:
         """The token of the browser that a page is open in; one that takes no cookies has another with each page."""
-        # viser doesn't tell who its clients are.
+        # viser has no public name for a client's request (pinned in constraints.txt).
         connection = self._websock_server._live_connections.get(client)
         request = None if connection is None else connection.request
         return (None if request is None else _token(request.headers, self.get_port())) or new_token()
@@ -90,7 +90,7 @@ class Server(viser.ViserServer):
 
 
 class Editor:
-    """A server with one tab a client; what a tab holds is freed when its page is closed."""
+    """A server with one tab per client; a tab's memory is freed when its page is closed."""
 
     def __init__(self, runs: Mapping[str, Opened], host: str, port: int | None, threads: int) -> None:
         """`port` as `free_port` takes it; networks are evaluated by `threads` threads for all tabs together.
@@ -115,13 +115,13 @@ class Editor:
 
     @property
     def address(self) -> str:
-        """Where a browser finds it."""
+        """The address for browsers of this machine."""
         host = self.server.get_host()
         return f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
 
     @property
     def tabs(self) -> int:
-        """How many there are."""
+        """The number of open tabs."""
         with self._lock:
             return len(self._tabs)
 

@@ -16,7 +16,7 @@ class Shelf:
     """Documents by name; the names of a run's shapes are theirs."""
 
     fresh: Callable[[str], Document]  # a run's shape, by id, as it is opened; raises InputError
-    ids: frozenset[str]  # of the run's shapes
+    ids: frozenset[str]  # the run's shapes
     keep: Callable[[Entry], None]  # called with each entry that changes
     entries: dict[str, Entry] = field(default_factory=dict)
 
@@ -27,7 +27,7 @@ class Shelf:
 
     @property
     def unsaved(self) -> bool:
-        """Whether something was done that is in no file."""
+        """True if changes are in no file."""
         return any(entry.last.state is not entry.saved.state for entry in self.entries.values())
 
     def take(self, name: str) -> Document:
@@ -45,7 +45,7 @@ class Shelf:
         return document
 
     def put(self, document: Document) -> None:
-        """What has become of the document of that name."""
+        """Replace the document of that name."""
         entry = self.entries[document.name]
         self._put(replace(entry, last=document))
 
@@ -73,8 +73,8 @@ class Shelf:
         """The document of a draft, under its name, or one that is free. Raises InputError if its script fails."""
         first = self.fresh(draft.shape_id).continued(draft.script[: draft.made], styles)
         name = draft.name
-        here = self.entries.get(name)
-        if name not in self.ids or (here is not None and here.last.script):
+        entry = self.entries.get(name)
+        if name not in self.ids or (entry is not None and entry.last.script):
             name = free_name(name, [*self.entries, *self.ids])
         last = first.named(name).continued(draft.script[draft.made :], styles)
         self._put(Entry(first.named(name), last, draft.truth, first.reset()))

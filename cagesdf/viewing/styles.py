@@ -1,4 +1,4 @@
-"""Ways through the space of latent codes: along its principal directions, as far as training codes reach."""
+"""Principal directions of the latent codes, limited to the range of the training codes."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from numpy import ndarray
 
 @dataclass(frozen=True, eq=False)
 class StyleSpace:
-    """How the codes of the training shapes are spread."""
+    """Mean and principal directions of the training shapes' latent codes."""
 
     mean: Float[ndarray, " d"]
     directions: Float[ndarray, "k d"]  # unit, by falling spread
@@ -30,10 +30,10 @@ class StyleSpace:
         return StyleSpace(mean, chosen, along, np.stack([places.min(axis=0), places.max(axis=0)], axis=1))
 
     def places(self, code: Float32[ndarray, " d"]) -> Float[ndarray, " k"]:
-        """Where a code is along the directions, in standard deviations from the mean."""
+        """Coordinates of a code along the directions, in standard deviations from the mean."""
         return self.directions @ (code - self.mean) / self.spread
 
     def moved(self, code: Float32[ndarray, " d"], direction: int, place: float) -> Float32[ndarray, " d"]:
         """The code with another place along one direction, elsewhere as it was; no further than training codes go."""
-        way = np.clip(place, *self.ends[direction]) - self.places(code)[direction]
-        return (code + way * self.spread[direction] * self.directions[direction]).astype(np.float32)
+        change = np.clip(place, *self.ends[direction]) - self.places(code)[direction]
+        return (code + change * self.spread[direction] * self.directions[direction]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""One browser tab: what is done there becomes an operation of the script, what the script leads to is shown."""
+"""One browser tab: each action becomes an operation of the script, and the resulting state is shown."""
 
 import hashlib
 import threading
@@ -74,9 +74,9 @@ from cagesdf.viewing.styles import StyleSpace
 from cagesdf.viewing.thumbnails import Picture, Thumbnails, blank
 from cagesdf.viewing.worker import FINE, Made, Worker
 
-STYLES_SHOWN = 9  # at first, and by how many more
-PATIENCE = 1.0  # seconds; work that takes no longer isn't spoken of
-GAP = 1.2  # between a part and its copy, in the part's own extent
+STYLES_SHOWN = 9  # pictures at first, and added by *More styles*
+PATIENCE = 1.0  # seconds; progress of shorter work isn't shown
+GAP = 1.2  # from a part to its copy, in extents of the part
 NEW_PART = 0.25  # canonical: lengths of a cuboid that is added
 
 
@@ -89,10 +89,10 @@ class Taken:
 
     structure: Structure  # with cuboids, canonical
     latent: Float32[ndarray, " d"]
-    residuals: Mapping[str, Sequence[float]]  # by part, what is added to its code
+    residuals: Mapping[str, Sequence[float]]  # by part, added to the part's code
     similarity: Similarity  # raw → canonical
     truth: Mesh  # its own surface, canonical
-    verdict: str  # whether it is like those that the network was trained on
+    verdict: str  # likeness to the training shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Opened:
 
     session: Session
     styles: StyleSpace
-    codes: Callable[[], CodeSource]  # of new styles; the first call takes seconds
+    codes: Callable[[], CodeSource]  # the source of new styles; the first call takes seconds
     generator: Generator | None
     truth: Truths
     take: Callable[[Path, str, Progress], Taken]  # a source, by the name that the user calls it; raises InputError
@@ -136,7 +136,7 @@ class Tab:
         self._offered: list[tuple[tuple[int, str], Draft]] = []  # as shown
         self._styles_shown = STYLES_SHOWN
         self._ranked: tuple[Structure, list[str]] | None = None
-        self._ends: dict[tuple[str, int, int], Picture] = {}  # of directions, by shape, direction and end
+        self._ends: dict[tuple[str, int, int], Picture] = {}  # by shape, direction and end
         self._shelf = Shelf(self._fresh, frozenset(opened.session.run.sequences), self._keep)
         self._jobs = Jobs(self._show_stand, self._guarded, self._refuse)
         self._problem: Any = None  # the notification of the last one
@@ -224,24 +224,24 @@ class Tab:
         self._worker.close()
         self._stage.close()
 
-    # What is shown
+    # The view and the panel
 
     def _show(self, made: Made) -> None:
         self._made = made
-        mesh, state = made.found.mesh, made.state
+        mesh, state = made.extraction.mesh, made.state
         self._stage.show_surface(mesh, state.cage, self._colours(state), self._hidden, self._panel.look.value)
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
         self._panel.mark.value = f"{made.cells} cells, {mark}"
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
         self._say(f"{made.cells} cells in {made.seconds:.2f} s")
         if made.cells == FINE:
-            health = Health.of(made.found, state, made.cells)
+            health = Health.of(made.extraction, state, made.cells)
             self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
         else:
             self._fine_since = time.monotonic()
 
     def _tell(self, done: float | None) -> None:
-        """Say how far the fine surface is, if that takes long."""
+        """Show the progress of the fine surface, if it takes long."""
         if not self._jobs.running and (done is None or time.monotonic() - self._fine_since > PATIENCE):
             self._panel.show_work(None if done is None else "fine surface", done or 0.0)
 
@@ -251,14 +251,14 @@ class Tab:
             self._say(f"{stand} …")
 
     def _cancel(self) -> None:
-        """Give up what is done in the background, or the fine surface."""
+        """Cancel the job in the background, or the fine surface."""
         what = self._jobs.cancel()
         if what is None:
             self._worker.rest()
         self._say(f"{what or 'fine surface'}: cancelled")
 
     def _nearness(self, mesh: Mesh) -> str:
-        """How far a canonical surface is from that of the file that the shape comes from."""
+        """Mean distance of a canonical surface from that of the file that the shape comes from, in words."""
         truth = self._shelf.truth(self._document.name)
         if truth is None or not len(mesh.faces):
             return ""
@@ -269,12 +269,12 @@ class Tab:
         self._panel.status.value = text
 
     def _guarded(self, act: Callable[[], None]) -> None:
-        """Do something; what is wrong with it is said, and nothing has changed then."""
+        """Call an action under the lock. Its errors are shown, and nothing has changed then."""
         with self._lock, saying(self._refuse):
             act()
 
     def _refuse(self, text: str) -> None:
-        """Say what is wrong: it stays until it is dismissed, or something else is wrong."""
+        """Show an error, until it is dismissed or replaced by the next one."""
         with suppress(Exception):  # it may be dismissed by now
             if self._problem is not None:
                 self._problem.remove()
@@ -301,7 +301,7 @@ class Tab:
         self._stage.show_look(self._colours(state), self._hidden, self._panel.look.value)
 
     def _redraw(self, state: State | None = None) -> None:
-        """Cuboids, gizmo and numbers: of the document, or of a state on the way."""
+        """Show cuboids, gizmo and numbers: of the document, or of a state during a drag."""
         state = state or self._document.state
         names = part_names(state.structure)
         self._selected = tuple(part for part in self._selected if part in names)
@@ -331,7 +331,7 @@ class Tab:
         self._stage.show_truth(truth, self._panel.truth.value)
 
     def _frame(self, state: State) -> tuple[Float[ndarray, " 3"] | None, Float[ndarray, "3 3"]]:
-        """Where the gizmo is, and its axes: the cuboid's own, or the user's around several."""
+        """The gizmo's centre and axes: the cuboid's, or, around several, those of the user's frame."""
         if len(self._selected) == 1:
             return state.cage[self._selected[0]].centre, state.cage[self._selected[0]].axes
         corners = _only(state.cage, self._selected).corners().reshape(-1, 3)
@@ -402,7 +402,7 @@ class Tab:
         self._locked = self._locked - parts if parts <= self._locked else self._locked | parts
         self._redraw()
 
-    # What is seen, and with which tool
+    # Tools, views and looks
 
     def _take_tool(self, tool: str) -> None:
         self._panel.tool.value = tool
@@ -443,7 +443,7 @@ class Tab:
     # Parts that come and go
 
     def _act(self, word: str) -> None:
-        """What a button of the list says."""
+        """The action of a button of the list."""
         actions = {
             "Hide": self._hide,
             "Lock": self._lock_or_free,
@@ -459,9 +459,9 @@ class Tab:
         """A copy beside the part: along the axis along which it is shortest, as slats and books stand."""
         state, pattern = self._document.state, self._pattern
         extent = np.ptp(state.similarity.to_raw(_only(state.cage, self._selected).corners().reshape(-1, 3)), axis=0)
-        way = [0.0, 0.0, 0.0]
-        way[int(extent.argmin())] = GAP * float(extent.min())
-        x, y, z = way
+        displacement = [0.0, 0.0, 0.0]
+        displacement[int(extent.argmin())] = GAP * float(extent.min())
+        x, y, z = displacement
         self._do_and_select(Duplicate(part=pattern, by=(x, y, z), mirror=self._mirror))
         self._panel.repeat.value = False
         self._say(f"{', '.join(self._names)}: copied; repeated parts don't follow now")
@@ -482,7 +482,7 @@ class Tab:
         self._do_and_select(Add(name="part", centre=(centre_x, centre_y, centre_z), lengths=(length, length, length)))
 
     def _do_and_select(self, operation: Operation) -> None:
-        """Go on with an operation, and select the parts that come of it."""
+        """Do an operation, and select the parts that it adds."""
         before = self._document.state.cage.part_ids
         self._do(operation)
         self._select(tuple(part for part in self._document.state.cage.part_ids if part not in before))
@@ -490,9 +490,9 @@ class Tab:
     # Operations
 
     def _do(self, operation: Operation, control: tuple[object, ...] = ()) -> None:
-        """Go on with an operation; one of the same control takes the place of the one before."""
-        again = bool(control) and control == self._sliding
-        step = self._document.instead if again else self._document.then
+        """Do an operation; one of the same control replaces the one before."""
+        replaces = bool(control) and control == self._sliding
+        step = self._document.instead if replaces else self._document.then
         self._become(step(operation, self._opened.session.styles), control)
 
     def _become(self, document: Document, control: tuple[object, ...] = ()) -> None:
@@ -506,7 +506,7 @@ class Tab:
         self._worker.want(document.state)
 
     def _preview(self, operation: Operation) -> None:
-        """Show where an operation leads that isn't finished yet."""
+        """Show the result of an operation while a hand is still dragging."""
         state = self._document.then(operation, self._opened.session.styles).state
         self._show_cage(state)
         if len(self._selected) == 1 and self._panel.tool.value == "Resize":
@@ -527,12 +527,12 @@ class Tab:
         self._guarded(lambda: self._drag(phase, self._motion(centre, axes)))
 
     def _motion(self, centre: Float[ndarray, " 3"], axes: Float[ndarray, "3 3"]) -> Operation | None:
-        """What leads the gizmo from where it was to here: a turn about one axis, or a move."""
+        """The operation of a dragged gizmo: a turn about one axis, or a move; None without a change."""
         state = self._document.state
-        before, own = self._frame(state)
+        before, axes_before = self._frame(state)
         if before is None:
             return None
-        turn = _turn(own, axes)
+        turn = _turn(axes_before, axes)
         if turn is not None:
             row, degrees = turn
             if len(self._selected) == 1:
@@ -545,28 +545,29 @@ class Tab:
                 frame="shape",
                 **self._followers,
             )
-        way = centre - before
-        if not way.any():
+        displacement = centre - before
+        if not displacement.any():
             return None
         if self._panel.snap.value:
             others = _only(state.cage, [part for part in state.cage.part_ids if part not in self._selected])
-            own_parts = _only(state.cage, self._selected)
-            there = Cage(own_parts.part_ids, own_parts.centre + way, own_parts.axes, own_parts.size)
-            way = way + snapped(there, others) * (np.abs(way) > 1e-9)
-        return self._move(way)
+            parts = _only(state.cage, self._selected)
+            moved = Cage(parts.part_ids, parts.centre + displacement, parts.axes, parts.size)
+            displacement = displacement + snapped(moved, others) * (np.abs(displacement) > 1e-9)
+        return self._move(displacement)
 
-    def _move(self, way: Float[ndarray, " 3"]) -> Operation:
-        x, y, z = (self._document.state.similarity.rotation.T @ way / self._document.state.similarity.scale).tolist()
+    def _move(self, displacement: Float[ndarray, " 3"]) -> Operation:
+        similarity = self._document.state.similarity
+        x, y, z = (similarity.rotation.T @ displacement / similarity.scale).tolist()
         return Move(part=self._pattern, by=(x, y, z), **self._followers)
 
-    def _pulled(self, phase: str, axis: int, side: int, way: float) -> None:
-        """A face was dragged outwards by `way`, canonical."""
+    def _pulled(self, phase: str, axis: int, side: int, distance: float) -> None:
+        """A face was dragged outwards by a canonical distance."""
 
         def act() -> None:
             state = self._document.state
             length = float(state.cage[self._one].size[axis])
             name, sign = _named(state, axis)
-            factor = float(np.clip((length + way) / length, 0.02, 50))
+            factor = float(np.clip((length + distance) / length, 0.02, 50))
             keep: End = "low" if side * sign > 0 else "high"
             self._drag(
                 phase,
@@ -585,14 +586,14 @@ class Tab:
 
     @property
     def _followers(self) -> dict[str, Any]:
-        """Who follows an operation, and how."""
+        """The operation's fields about parts that follow."""
         attach, details = bool(self._panel.attach.value), self._panel.details.value
         return {"mirror": self._mirror, "repeat": self._repeat, "attach": attach, "details": details}
 
     def _place(self, centre: tuple[float, float, float]) -> None:
         state = self._document.state
-        there = state.similarity.to_canonical(np.array([centre]))[0]
-        self._do(self._move(there - state.cage[self._one].centre), ("centre", self._selected))
+        target = state.similarity.to_canonical(np.array([centre]))[0]
+        self._do(self._move(target - state.cage[self._one].centre), ("centre", self._selected))
 
     def _lengths(self, lengths: tuple[float, float, float]) -> None:
         state = self._document.state
@@ -704,7 +705,7 @@ class Tab:
         self._take(self._shelf.take(name))
 
     def _take(self, document: Document) -> None:
-        """Go on with a document of its own."""
+        """Open another document."""
         self._selected, self._hidden, self._locked = (), frozenset(), frozenset()
         other = document.shape_id != self._document.shape_id
         self._become(document)
@@ -748,10 +749,10 @@ class Tab:
             codes = self._opened.codes()
 
             def draw() -> Document:
-                found = draw_cages(generator, rng, 1, temperature)
-                if not found.kept:
-                    raise InputError("; ".join(found.failures))
-                built = start.then(_build(found.kept[0]), styles)
+                samples = draw_cages(generator, rng, 1, temperature)
+                if not samples.kept:
+                    raise InputError("; ".join(samples.failures))
+                built = start.then(_build(samples.kept[0]), styles)
                 return built.then(new_style(codes, rng, built.state, temperature), styles)
 
             drawn = first_that_holds(self._opened.session, repeat(draw), progress)
@@ -766,13 +767,13 @@ class Tab:
         self._ask()
 
     def _ask(self) -> None:
-        """Have the page ask before it is left, if something would be."""
+        """Have the page ask before it is left, if something would be lost."""
         if self._shelf.unsaved != self._asks:
             self._asks = self._shelf.unsaved
             ask_before_leaving(self._client, self._asks)
 
     def offer(self) -> None:
-        """Show what was done in pages of this browser that are closed now."""
+        """Offer the drafts of this browser's pages that are closed."""
         self._offered = list(self._page.offered(self._run).items())
         self._panel.show_drafts([_in_words(draft, time.time()) for _, draft in self._offered])
 
@@ -814,16 +815,17 @@ class Tab:
         self._write(f"{self._document.name}-cuboids.{ending}", ending, files.exported_boxes)
 
     def _write(self, name: str, ending: str, content_of: Callable[[Extraction, State, str], bytes]) -> None:
-        """A file of what `cagesdf edit` gives."""
+        """Download a file that equals the one of `cagesdf edit`."""
         state, made = self._document.state, self._made
 
         def work(progress: Progress) -> Callable[[], None]:
             if made is not None and made.state is state and made.cells == FINE:
-                found = made.found
+                extraction = made.extraction
             else:
-                found = self._opened.session.live(FINE, each=progress.each("fine surface")).surface(state)
+                live = self._opened.session.live(FINE, each=progress.each("fine surface"))
+                extraction = live.surface(state)
             progress("writing", 0.9)
-            content = content_of(found, state, ending)
+            content = content_of(extraction, state, ending)
             return lambda: self._download(name, content)
 
         self._jobs.start(name, work)
@@ -881,16 +883,16 @@ def _only(cage: Cage, parts: Sequence[str]) -> Cage:
 
 
 def _turn(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
-    """About which of its axes a frame has turned most, and by how many degrees; None if it hasn't."""
+    """The axis (row) about which a frame has turned most, and degrees; None without a turn."""
     vector = Rotation.from_matrix(before @ after.T).as_rotvec(degrees=True)
     row = int(np.abs(vector).argmax())
     return (row, float(vector[row])) if abs(vector[row]) > 1e-3 else None
 
 
 def _named(state: State, row: int) -> tuple[Axis, float]:
-    """The user's axis that one of the cuboids' axes is named after, and 1 or -1: which way along it."""
+    """The user's axis that one of the cuboids' axes is named after, and its sign, 1 or -1."""
     for axis in AXES:
-        own, sign = state.own_axis(axis)
-        if own == row:
+        row_of_axis, sign = state.own_axis(axis)
+        if row_of_axis == row:
             return axis, sign
     raise AssertionError(f"no axis is named {row}")

@@ -25,13 +25,13 @@ from cagesdf.viewing.worker import COARSE
 SIZE = 150  # pixels along a side
 BATCH = 6  # drawn by one process, which takes most of a second to start
 KEPT = 600  # thumbnails, of some kilobytes each
-NICENESS = 5  # of the thread: hands are served first
+NICENESS = 5  # of the thread, so that surfaces are made first
 
 Picture = UInt8[ndarray, "size size 3"]
 
 
 class Thumbnails:
-    """The thumbnails of one run, for all tabs. `want` asks for some; whoever is gone is no longer served."""
+    """The thumbnails of one run, for all tabs. `want` orders some, `forget` cancels an owner's orders."""
 
     def __init__(self, session: Session) -> None:
         self._live = session.live(COARSE, fineness=PREVIEW)
@@ -71,7 +71,7 @@ class Thumbnails:
         self.want(owner, {}, lambda key, picture: None)
 
     def close(self) -> None:
-        """Draw nothing more; what is being drawn is waited for, since an interpreter that ends meanwhile may crash."""
+        """Draw nothing more. Waits for the pictures being drawn: an interpreter that ends meanwhile may crash."""
         with self._changed:
             self._waiting.clear()
             thread = self._thread
@@ -94,7 +94,7 @@ class Thumbnails:
                     show(picture)
 
     def _next(self) -> list[tuple[Hashable, Hashable, Callable[[], State], Callable[[Picture], None]]]:
-        """Some that wait; none ends the thread."""
+        """The next orders of at most BATCH; an empty list ends the thread."""
         with self._changed:
             batch = [self._waiting.popleft() for _ in range(min(BATCH, len(self._waiting)))]
             if not batch:
@@ -108,7 +108,7 @@ class Thumbnails:
 
 
 def blank() -> Picture:
-    """The picture of what has none yet."""
+    """A placeholder."""
     return np.full((SIZE, SIZE, 3), 245, np.uint8)
 
 

@@ -18,16 +18,16 @@ from cagesdf.extraction import PREVIEW, Extraction, Part
 from cagesdf.viewing.refusals import saying
 
 COARSE = 64  # cells
-FINE = 128  # what `cagesdf edit` has without --resolution, so that what is seen is what is written
+FINE = 128  # the default of `cagesdf edit`: the page shows the surface that the command writes
 REST = 0.3  # seconds
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A surface that was made."""
+    """A surface, and the state that it was made of."""
 
     state: State
-    found: Extraction
+    extraction: Extraction
     cells: int
     seconds: float  # from the beginning of its work
 
@@ -47,9 +47,9 @@ class Worker:
         tell: Callable[[float | None], None],
         fail: Callable[[str], None],
     ) -> None:
-        """`show` is called from the thread with each surface, `tell` with the share of a fine one's cuboids that is
-        done, None once it is made or given up, `fail` with what is wrong with a state; `pool` asks the network, and
-        may be shared."""
+        """`show` is called from the thread with each surface; `tell` with the share of a fine one's cuboids that is
+        done, None once it is made or given up; `fail` with an error's text. `pool` evaluates cuboids, and may be
+        shared."""
         self._tell = tell
         self._pool = pool
         self._show, self._fail = show, fail
@@ -57,14 +57,14 @@ class Worker:
         self._fine = session.live(FINE, each=self._unless_overtaken)
         self._changed = threading.Condition()
         self._wanted: State | None = None
-        self._number = 0  # of the newest state
+        self._number = 0  # the newest state's
         self._working = 0  # number of the state that is worked at
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="surfaces", daemon=True)
         self._thread.start()
 
     def want(self, state: State) -> None:
-        """Make the surface of this state next; what waited before is forgotten."""
+        """Make the surface of this state next; a state that was waiting is dropped."""
         with self._changed:
             self._wanted = state
             self._number += 1
@@ -104,14 +104,14 @@ class Worker:
             return None if self._closed else state
 
     def _rested(self) -> bool:
-        """Wait; whether nothing newer came."""
+        """Wait for REST seconds. Returns whether no newer state came."""
         with self._changed:
             return not self._changed.wait_for(lambda: self._number != self._working, timeout=REST)
 
     def _make(self, live: Live, cells: int, state: State) -> None:
         start = time.perf_counter()
-        found = live.surface(state)
-        self._show(Made(state, found, cells, time.perf_counter() - start))
+        extraction = live.surface(state)
+        self._show(Made(state, extraction, cells, time.perf_counter() - start))
 
     def _unless_overtaken(self, work: Callable[[int], Part], cuboids: Iterable[int]) -> Iterator[Part]:
         def checked(cuboid: int) -> Part:

@@ -7,6 +7,7 @@ Screenshots are kept in CAGESDF_SCREENSHOTS, or in pytest's temporary folder.
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,18 @@ from tests.support.chromium import FLAGS, chromium
 from tests.support.page import PATIENCE, EditorPage
 
 SIZE = ViewportSize(width=1280, height=800)
+FLAGS = (
+    "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
+    "--disable-quic", "--disable-extensions",
+)  # fmt: skip
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+WIDE = ViewportSize(width=1280, height=800)
+NARROW = ViewportSize(width=860, height=800)  # both panels, and little of the view, which software draws slowly
+# Software draws a frame in a good part of a second: at most two a second leave the cores to everything else.
+SELDOM = """const draw = requestAnimationFrame.bind(window), drop = clearTimeout.bind(window);
+window.requestAnimationFrame = frame => setTimeout(() => draw(frame), 500);
+window.cancelAnimationFrame = drop;"""
 
 
 @pytest.fixture(scope="session")
@@ -55,10 +68,28 @@ def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def visit(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
     """Opens the editor in a new tab, once more with each call. At the end no page may have complained."""
+    with visiting(browser, editor, screenshots, WIDE) as come:
+        yield come
+
+
+@pytest.fixture
+def visit_narrow(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
+    """As `visit`, in narrow windows."""
+    with visiting(browser, editor, screenshots, NARROW) as come:
+        yield come
+
+
+@contextmanager
+def visiting(
+    browser: Browser, editor: Editor, screenshots: Path, size: ViewportSize
+) -> Iterator[Callable[[], EditorPage]]:
+    """A function that opens the editor in a new tab of some size."""
     pages: list[EditorPage] = []
 
     def come() -> EditorPage:
-        pages.append(EditorPage(browser.new_page(viewport=SIZE, accept_downloads=True), editor.address, screenshots))
+        page = browser.new_page(viewport=size, accept_downloads=True)
+        page.add_init_script(SELDOM)
+        pages.append(EditorPage(page, editor.address, screenshots))
         return pages[-1]
 
     yield come

@@ -25,8 +25,8 @@ def look(editor: Editor) -> tuple[np.ndarray, np.ndarray]:
     return target, target - np.array(camera.position)
 
 
-def test_parts_are_hidden_by_their_eyes_locked_added_and_split(visit: Visit, tmp_path: Path) -> None:
-    page = visit()
+def test_parts_are_hidden_by_their_eyes_locked_added_and_split(visit_narrow: Visit, tmp_path: Path) -> None:
+    page = visit_narrow()
     before = page.settled()
     assert page.hidden == []
     page.eye("seat_surface").click()
@@ -55,8 +55,8 @@ def test_parts_are_hidden_by_their_eyes_locked_added_and_split(visit: Visit, tmp
     assert [operation["op"] for operation in page.script(tmp_path)] == ["add", "split", "undo", "redo"]
 
 
-def test_nothing_follows_where_attaching_and_following_are_switched_off(visit: Visit) -> None:
-    page = visit()
+def test_nothing_follows_where_attaching_and_following_are_switched_off(visit_narrow: Visit) -> None:
+    page = visit_narrow()
     before = page.settled()
     places = {}
     for part in ("leg_1", "leg_2", "seat_surface"):
@@ -71,8 +71,8 @@ def test_nothing_follows_where_attaching_and_following_are_switched_off(visit: V
         np.testing.assert_array_equal(np.concatenate([page.numbers(CENTRE), page.numbers(LENGTHS)]), places[part])
 
 
-def test_keys_take_tools_views_looks_and_parts(visit: Visit, editor: Editor) -> None:
-    page = visit()
+def test_keys_take_tools_views_looks_and_parts(visit_narrow: Visit, editor: Editor) -> None:
+    page = visit_narrow()
     keyboard = page.page.keyboard
     page.select("seat_surface")
     for key, tool in (("r", "Turn"), ("l", "Resize"), ("g", "Move")):
@@ -105,8 +105,8 @@ def test_keys_take_tools_views_looks_and_parts(visit: Visit, editor: Editor) -> 
     page.until(lambda: page.selected == [], "nothing selected")
 
 
-def test_work_that_is_cancelled_ends_in_the_middle_of_a_step_and_leaves_nothing(visit: Visit) -> None:
-    page = visit()
+def test_work_that_is_cancelled_ends_in_the_middle_of_a_step_and_leaves_nothing(visit_narrow: Visit) -> None:
+    page = visit_narrow()
     before, shape = page.settled(), page.value("Shape")
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -133,9 +133,9 @@ def test_work_that_is_cancelled_ends_in_the_middle_of_a_step_and_leaves_nothing(
 
 
 def test_a_part_that_is_too_thin_is_warned_of_and_directions_end_where_training_codes_do(
-    visit: Visit, tmp_path: Path
+    visit_narrow: Visit, tmp_path: Path
 ) -> None:
-    page = visit()
+    page = visit_narrow()
     before = page.settled()
     for box in ("Attached follow", "Mirrors follow", "Repeats follow"):
         page.control(box, "input").uncheck()
@@ -158,9 +158,9 @@ def test_a_part_that_is_too_thin_is_warned_of_and_directions_end_where_training_
 
 
 def test_new_shapes_have_names_of_their_own_the_newest_first_and_plain_names_of_numbers(
-    visit: Visit, tmp_path: Path
+    visit_narrow: Visit, tmp_path: Path
 ) -> None:
-    page = visit()
+    page = visit_narrow()
     before = page.settled()
     for name in ("new", "new_2"):
         page.tab("New")
@@ -187,8 +187,8 @@ def test_new_shapes_have_names_of_their_own_the_newest_first_and_plain_names_of_
     assert page.download("Export", tmp_path).name == "new_2.glb"
 
 
-def test_what_is_wrong_with_a_file_names_it_as_its_owner_does_until_it_is_dismissed(visit: Visit) -> None:
-    page = visit()
+def test_what_is_wrong_with_a_file_names_it_as_its_owner_does_until_it_is_dismissed(visit_narrow: Visit) -> None:
+    page = visit_narrow()
     page.tab("File")
     page.upload("Load parts", "My chair.OBJ", b"v 0 0 0\nf 1 2 3\n")
     page.refused("My chair.OBJ")

@@ -74,6 +74,8 @@ def test_shapes_their_structures_an_index_and_a_picture_are_written(
         boxes = np.array([[*structure.cuboids()[part].centre] for part in entry["part_ids"]])
         np.testing.assert_allclose(boxes, np.array(entry["cuboids"])[:, :3])
         assert len(entry["latent"]) == 2
+        assert entry["health"].startswith("closed, 1 component, thinnest ")
+    assert told["warned"] == sum(bool(entry["warnings"]) for entry in entries)
     assert Image.open(out / "sheet.png").size[0] > 0
 
 

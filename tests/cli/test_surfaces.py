@@ -315,6 +315,17 @@ def test_scripts_are_read_as_other_systems_write_them(
     assert complaint.endswith("script: operation 0: undo: there is nothing to take back")
 
 
+def test_threads_change_no_byte_of_a_file(
+    command: Command, chairs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads = torch.get_num_threads()
+    for workers in ("1", "3"):
+        monkeypatch.setenv("CAGESDF_WORKERS", workers)
+        command("extract", chairs, "chair_1", tmp_path / f"{workers}.ply", "--resolution", "24")
+    assert (tmp_path / "1.ply").read_bytes() == (tmp_path / "3.ply").read_bytes()
+    assert torch.get_num_threads() == threads
+
+
 def test_loose_pieces_are_dropped_from_edits_too_and_the_thinnest_part_is_told(
     command: Command, chairs: Path, tmp_path: Path
 ) -> None:

@@ -142,6 +142,10 @@ def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp
     told = json.loads(command("fit", run_folder, source, tmp_path / "out", "--resolution", "32"))
     again = json.loads(command("fit", run_folder, source, tmp_path / "again", "--resolution", "32"))
     assert (told["shape_id"], told["far"], told["parts"]) == ("new", False, 2)
+    dropped = json.loads(
+        command("fit", run_folder, source, tmp_path / "dropped", "--resolution", "32", "--loose", "drop")
+    )
+    assert dropped["components"] + dropped["dropped"] == told["components"]
     names = ["cuboids.parquet", "latent.safetensors", "programs.parquet", "report.json", "surface.ply"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     for name in names:

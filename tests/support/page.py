@@ -16,7 +16,9 @@ from cagesdf.viewing.framing import world_per_pixel
 PATIENCE = 240.0  # seconds; only what is broken takes them
 SETTLED = "128 cells"
 CENTRE, LENGTHS, ROTATION = "Centre (file units)", "Lengths (file units)", "Rotation (degrees)"
-EYES = "//button[.//*[contains(@class, 'icon-tabler-eye')]]"
+# By row of the list of parts: the name, and whether its eye is closed.
+EYES = """() => [...document.querySelectorAll("button:has(.icon-tabler-eye, .icon-tabler-eye-off)")].map(eye =>
+    [eye.parentElement.previousElementSibling.innerText, eye.querySelector(".icon-tabler-eye-off") !== null])"""
 NOISE = "Unable to preventDefault inside passive event listener"  # viser's own, as nodes are dragged
 
 
@@ -87,9 +89,7 @@ class EditorPage:
     @property
     def parts(self) -> dict[str, bool]:
         """Names in the list of parts, and whether their eyes are closed."""
-        names = self.page.locator(f"xpath={EYES}/parent::div/preceding-sibling::div[1]").all_inner_texts()
-        closed = [eye.locator(".icon-tabler-eye-off").count() > 0 for eye in self.page.locator(f"xpath={EYES}").all()]
-        return {name.strip().removeprefix("▸ "): hidden for name, hidden in zip(names, closed, strict=True)}
+        return {name.strip().removeprefix("▸ "): closed for name, closed in self.page.evaluate(EYES)}
 
     @property
     def hidden(self) -> list[str]:
@@ -99,13 +99,12 @@ class EditorPage:
     @property
     def selected(self) -> list[str]:
         """Parts that the list shows as selected."""
-        labels = self.page.locator(".mantine-Button-root").all_inner_texts()
-        return [label.removeprefix("▸ ") for label in labels if label.startswith("▸ ")]
+        labels = self.page.locator(".mantine-Button-root", has_text="▸ ").all_inner_texts()
+        return [label.strip().removeprefix("▸ ") for label in labels]
 
     def eye(self, part: str) -> Locator:
         """The button beside a part's name that hides it."""
-        name = f"//button[normalize-space()='{part}' or normalize-space()='▸ {part}']"
-        return self.page.locator(f"xpath={name}/parent::div/following-sibling::div[1]//button")
+        return self.page.locator(f'div:has(> button:text-matches("^(▸ )?{re.escape(part)}$")) + div > button')
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait for something to be so."""

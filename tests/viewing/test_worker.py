@@ -71,8 +71,8 @@ def test_a_coarse_surface_comes_first_and_the_fine_one_is_that_of_the_command(
     seen.until(lambda s: len(s.made) == 2)
     assert [made.cells for made in seen.made] == [COARSE, FINE]
     expected = session.live(FINE).surface(state).mesh
-    np.testing.assert_array_equal(seen.made[1].found.mesh.vertices, expected.vertices)
-    np.testing.assert_array_equal(seen.made[1].found.mesh.faces, expected.faces)
+    np.testing.assert_array_equal(seen.made[1].extraction.mesh.vertices, expected.vertices)
+    np.testing.assert_array_equal(seen.made[1].extraction.mesh.faces, expected.faces)
 
 
 def test_the_last_of_many_states_is_the_one_that_stays(session: Session, worker: Worker, seen: Seen) -> None:
