@@ -369,7 +369,7 @@ def check(path: Path) -> dict[str, Params]:
     problems += [f"{name}: section missing" for name in sorted(known) if name not in content]
     if problems:
         raise ParamsError(f"{path}: " + "; ".join(problems))
-    run = validate("run", RunParams, content["run"])
+    run = validate("run", RunParams, content["run"] or {})
     named = run.model_dump() if run else dict.fromkeys(LISTS, ("unknown",))
     for name, model in SECTIONS.items():
         values = content[name]

@@ -27,6 +27,8 @@ PROGRAM = "Assembly Program_0 {\r\nbbox = Cuboid(1, 1, 1, True)\r\na = Cuboid(1,
 def test_text_is_read_back_however_it_was_saved(saved: str, text: str) -> None:
     if saved == "plain" and "\0" in text:
         return  # may be UTF-16 without a mark
+    if saved == "powershell" and text.startswith("\0"):
+        return  # the mark of UTF-32
     assert decode(SAVED[saved](text), "a.txt") == text
 
 
