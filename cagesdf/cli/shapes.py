@@ -47,8 +47,6 @@ def check(*sources: Path, include: str = "*") -> None:
 
 
 def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: Json = False) -> None:
-    """Find the parts of a whole shape and write them to be edited, <shape>.parts.json, and <shape>.glb to look at.
-def parts(source: Path, out: Path, /, *, as_json: Json = False) -> None:
     """Find the parts of a whole shape and write them to be edited, SHAPE.parts.json, and SHAPE.glb to look at.
 
     Prints how well cuboids hold them: a sentence to a terminal, a JSON object otherwise. Beside the shape,

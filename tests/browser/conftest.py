@@ -22,13 +22,6 @@ from cagesdf.viewing.server import Editor, serving
 from tests.support.chromium import FLAGS, chromium
 from tests.support.page import PATIENCE, EditorPage
 
-SIZE = ViewportSize(width=1280, height=800)
-FLAGS = (
-    "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
-    "--disable-quic", "--disable-extensions",
-)  # fmt: skip
-NAMES = ("chromium", "chromium-browser", "google-chrome")
 WIDE = ViewportSize(width=1280, height=800)
 NARROW = ViewportSize(width=860, height=800)  # both panels, and little of the view, which software draws slowly
 # Software draws a frame in a good part of a second: at most two a second leave the cores to everything else.

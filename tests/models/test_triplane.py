@@ -121,8 +121,8 @@ def test_planes_and_lines_are_read_linearly_to_their_ends_and_hold_their_border_
     lines = rng.normal(size=(2, 3, decoder.line_channels, decoder.line_cells)).astype(np.float32)
     unit = rng.uniform(-0.8, 0.8, (2, 40, 3)).astype(np.float32)
     unit[:, 0], unit[:, 1] = 0.5 + BEYOND, 0.5
-    given = (torch.from_numpy(numbers).flatten(1) for numbers in (planes, lines))
-    read = decoder.read(*given, torch.from_numpy(unit)).numpy()
+    of_planes, of_lines = (torch.from_numpy(numbers).flatten(1) for numbers in (planes, lines))
+    read = decoder.read(of_planes, of_lines, torch.from_numpy(unit)).numpy()
     expected = np.array([[slowly(planes[g], lines[g], point) for point in unit[g]] for g in range(2)])
     np.testing.assert_allclose(read, expected, atol=1e-5)
 
