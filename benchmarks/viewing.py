@@ -15,6 +15,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -108,7 +109,7 @@ def clicks(page: EditorPage, camera: Camera, cage: Cage, names: dict[str, str], 
             timed(
                 page,
                 "pointerup",
-                lambda x=x, y=y: page.page.mouse.click(x, y),
+                partial(page.page.mouse.click, x, y),
                 rf"^selected: {re.escape(names[part])}$",
             )
         )
@@ -133,7 +134,7 @@ def drags(page: EditorPage, camera: Camera, cage: Cage, names: dict[str, str], m
             for cells in (COARSE, FINE):
                 page.settled()
                 to = x + (cells == FINE), y - PIXELS * i
-                result[cells].append(timed(page, "pointermove", lambda to=to: mouse.move(*to), f"^{cells} cells"))
+                result[cells].append(timed(page, "pointermove", partial(mouse.move, *to), f"^{cells} cells"))
         mouse.up()
         page.page.wait_for_timeout(1000)
         page.press("Reset")

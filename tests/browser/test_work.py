@@ -5,6 +5,7 @@ import re
 import threading
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,12 @@ from tests.support.page import CENTRE, LENGTHS, EditorPage
 
 pytestmark = pytest.mark.slow
 Visit = Callable[[], EditorPage]
+
+
+def along(editor: Editor, axis: int) -> bool:
+    """Whether the newest page's camera looks along an axis."""
+    way = np.abs(look(editor)[1])
+    return bool(way[axis] > 10 * np.delete(way, axis).max())
 
 
 def look(editor: Editor) -> tuple[np.ndarray, np.ndarray]:
@@ -77,14 +84,14 @@ def test_keys_take_tools_views_looks_and_parts(visit_narrow: Visit, editor: Edit
     page.select("seat_surface")
     for key, tool in (("r", "Turn"), ("l", "Resize"), ("g", "Move")):
         keyboard.press(key)
-        page.until(lambda tool=tool: page.value("Tool") == tool, tool)
+        page.until(partial(lambda tool: page.value("Tool") == tool, tool), tool)
     _, far = look(editor)
     keyboard.press("f")
     page.until(lambda: np.linalg.norm(look(editor)[1]) < 0.95 * np.linalg.norm(far), "the seat framed")
     for key, axis in (("1", 2), ("3", 0), ("7", 1)):
         keyboard.press(key)
         page.until(
-            lambda axis=axis: np.abs(look(editor)[1])[axis] > 10 * np.delete(np.abs(look(editor)[1]), axis).max(),
+            partial(along, editor, axis),
             f"a view along axis {axis}",
         )
     keyboard.press("5")
@@ -92,7 +99,7 @@ def test_keys_take_tools_views_looks_and_parts(visit_narrow: Visit, editor: Edit
     page.tab("View")
     for name in ("Clay", "Wireframe", "Parts"):
         keyboard.press("z")
-        page.until(lambda name=name: page.value("Look") == name, name)
+        page.until(partial(lambda name: page.value("Look") == name, name), name)
         page.drawn(5)
         page.picture(f"look_{name.lower()}")
     keyboard.press("h")
@@ -165,7 +172,7 @@ def test_new_shapes_have_names_of_their_own_the_newest_first_and_plain_names_of_
     for name in ("new", "new_2"):
         page.tab("New")
         page.press("New shape")
-        page.until(lambda name=name: page.value("Shape") == name, name)
+        page.until(partial(lambda name: page.value("Shape") == name, name), name)
         before = page.settled(before)
     page.until(lambda: page.drawn_tile("new") and page.drawn_tile("new_2"), "pictures of both")
     tiles = [text.strip() for text in page.page.locator("button:has(img.tile)").all_inner_texts()]

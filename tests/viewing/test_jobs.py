@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
@@ -121,7 +122,7 @@ def test_a_job_that_is_cancelled_just_as_it_ends_never_reaches_the_next_one() ->
         for delay in range(200):
             desk = Desk()
             results: list[int] = []
-            desk.jobs.start("short", lambda _, into=results: lambda: into.append(1))
+            desk.jobs.start("short", partial(lambda into, _: lambda: into.append(1), results))
             [*threads] = [thread for thread in threading.enumerate() if thread.name == "short"]
             for _ in range(delay):
                 pass
