@@ -63,7 +63,7 @@ class Decoder(nn.Module, ABC):
 
     @abstractmethod
     def condition(self, code: Float[Tensor, "g k"], cuboid: Float[Tensor, "g 15"]) -> Float[Tensor, "g ..."]:
-        """Each group's numbers that act on the layers, from its code and cuboid: scales, shifts, feature planes."""
+        """Each group's numbers that act on the layers, from its code and cuboid: scales, shifts, planes, lines."""
 
     @abstractmethod
     def evaluate(

@@ -79,7 +79,7 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # In the order they are shown; others follow by name.
 ARMS = {
-    "cagesdf": "parts' codes by a transformer over the cage; a logit from feature planes in each cuboid",
+    "cagesdf": "parts' codes by a transformer over the cage; a logit from planes and lines in each cuboid",
     "cagesdf_global": "the paper's network: points in the shape's frame only",
     "cagesdf_keep": "cagesdf, trained on sequences in which details keep their size",
     "cagesdf_noaug": "cagesdf, trained on rest shapes only",
