@@ -8,7 +8,16 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-COLLECT = ["-m", "pytest", "-o", "addopts=", "-p", "no:cacheprovider", "--collect-only", "--quiet"]
+COLLECT = [
+    "-m",
+    "pytest",
+    "-o",
+    "addopts=--import-mode=importlib",
+    "-p",
+    "no:cacheprovider",
+    "--collect-only",
+    "--quiet",
+]
 # A path, then words, numbers and signs; no escapes (of bytes and lines), no addresses, no places of a machine.
 NAME = re.compile(r"tests/[\w/]+\.py::\w+(\[[^\\]*\])?")
 OF_A_MOMENT = re.compile(r"0x[0-9a-f]{6,}|<[\w.]+ object|/tmp/|" + re.escape(str(ROOT)))

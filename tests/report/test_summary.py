@@ -49,5 +49,9 @@ def test_dvc_shows_the_committed_figures(what: str, tmp_path: Path) -> None:
         (shown,) = (entry["data"] for entry in json.loads(done.stdout)[""]["data"].values())
         assert shown == expected
     else:
-        assert "surface_distance" in done.stdout
-        assert '"arm"' in (tmp_path / "index.html").read_text(encoding="utf-8"), "a curve for each arm"
+        [plot] = json.loads(done.stdout)["data"]["data/metrics/progress.json"]
+        encoding = plot["content"]["spec"]["encoding"]
+        assert {key: encoding[key]["field"] for key in ("x", "y", "color", "strokeDash")} == {
+            "x": "points", "y": "surface_distance", "color": "arm", "strokeDash": "rev",
+        }  # fmt: skip
+        assert {row["arm"] for row in plot["content"]["data"]["values"]} <= set(next(iter(expected.values())))
