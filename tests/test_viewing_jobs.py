@@ -90,7 +90,8 @@ def test_what_is_wrong_with_work_is_said_and_other_work_may_begin() -> None:
 
 
 def test_cancelling_breaks_off_work_that_never_says_how_far_it_is_and_catches_all_errors() -> None:
-    desk, steps, begun = Desk(), [], threading.Event()
+    desk, begun = Desk(), threading.Event()
+    steps: list[int] = []
 
     def work(progress: Progress) -> Callable[[], None]:
         for step in range(10**9):
@@ -118,7 +119,8 @@ def test_a_job_that_is_cancelled_just_as_it_ends_never_reaches_the_next_one() ->
     before, threading.excepthook = threading.excepthook, lambda arguments: left.append(arguments.exc_type)
     try:
         for delay in range(200):
-            desk, results = Desk(), []
+            desk = Desk()
+            results: list[int] = []
             desk.jobs.start("short", lambda _, results=results: lambda: results.append(1))
             [*threads] = [thread for thread in threading.enumerate() if thread.name == "short"]
             for _ in range(delay):
