@@ -62,9 +62,7 @@ class Stage:
         self._cage: Cage | None = None  # cuboids that can be clicked
         self._pieces: list[tuple[str, Any]] = []  # the surface, cut by part: part id and node
         self._handles: dict[tuple[int, int], Any] = {}
-        self._following = (
-            threading.Lock()
-        )  # guards nodes that follow the camera, whose updates come from the event loop
+        self._following = threading.Lock()  # guards nodes that follow the camera, in its event loop
         # The cage that the camera was placed for, the view's width over its height then, and the camera's last
         # positions: a page may report an older one than the newest.
         self._framed: tuple[Cage, float] | None = None
@@ -155,15 +153,15 @@ class Stage:
                     cage.part_ids[i],
                     self._scene.add_mesh_simple(
                         f"/surface/{i}",
-                        piece.vertices.astype(np.float32),
-                        piece.faces.astype(np.uint32),
+                        patch.vertices.astype(np.float32),
+                        patch.faces.astype(np.uint32),
                         color=rgb(CLAY) if look == "Clay" else colours[cage.part_ids[i]],
                         wireframe=look == "Wireframe",
                         visible=cage.part_ids[i] not in hidden,
                     ),
                 )
                 for i in np.unique(owner).tolist()
-                if len((piece := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
+                if len((patch := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
             ]
 
     def show_look(self, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:

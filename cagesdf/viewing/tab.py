@@ -247,8 +247,7 @@ class Tab:
 
     def _show_stand(self, stand: Stand | None) -> None:
         self._panel.show_work(None if stand is None else stand.job, 0.0 if stand is None else stand.done)
-        if stand is not None:
-            self._say(f"{stand} …")
+        self._say("ready" if stand is None else f"{stand} …")
 
     def _cancel(self) -> None:
         """Cancel the job in the background, or the fine surface."""

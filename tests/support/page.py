@@ -104,7 +104,7 @@ class EditorPage:
 
     def eye(self, part: str) -> Locator:
         """The button beside a part's name that hides it."""
-        return self.page.locator(f'div:has(> button:text-matches("^(▸ )?{re.escape(part)}$")) + div > button')
+        return self.page.locator(f'div:has(> button :text-matches("^(▸ )?{re.escape(part)}$")) + div > button')
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait for something to be so."""
