@@ -123,7 +123,6 @@ def test_a_job_that_is_cancelled_just_as_it_ends_never_reaches_the_next_one() ->
             desk = Desk()
             results: list[int] = []
             desk.jobs.start("short", partial(lambda into, _: lambda: into.append(1), results))
-            desk.jobs.start("short", lambda _, results=results: lambda: results.append(1))
             [*threads] = [thread for thread in threading.enumerate() if thread.name == "short"]
             for _ in range(delay):
                 pass
