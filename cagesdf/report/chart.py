@@ -16,11 +16,11 @@ Curve = Sequence[tuple[int | float, float]]  # (step, loss), (million points, di
 def log_chart(curves: Mapping[str, Curve], label: str) -> str:
     """An SVG element with one curve per name, its height on a logarithmic axis; `label` is its title.
 
-    Heights that aren't between DRAWABLE are left out: zero, negative, diverged. No curve gives an
-    empty text.
+    Heights that aren't between DRAWABLE are left out: zero, negative, diverged. A single point is no curve, and no
+    curve gives an empty text.
     """
     drawable = {name: [(x, y) for x, y in curve if DRAWABLE[0] < y < DRAWABLE[1]] for name, curve in curves.items()}
-    drawable = {name: curve for name, curve in drawable.items() if curve}
+    drawable = {name: curve for name, curve in drawable.items() if len(curve) > 1}
     if not drawable:
         return ""
     last = max(x for curve in drawable.values() for x, _ in curve) or 1

@@ -298,7 +298,7 @@ def test_equal_ratios_of_losses_are_equal_heights() -> None:
 )
 def test_any_losses_give_a_chart_within_its_frame(curves: dict[str, list[tuple[int, float]]]) -> None:
     svg = log_chart({name: sorted(curve, key=lambda point: point[0]) for name, curve in curves.items()}, "loss")
-    usable = [name for name, curve in curves.items() if any(1e-30 < y < 1e30 for _, y in curve)]
+    usable = [name for name, curve in curves.items() if sum(1e-30 < y < 1e30 for _, y in curve) > 1]
     assert bool(svg) == bool(usable)
     if svg:
         lines = polylines(svg)
