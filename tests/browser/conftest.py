@@ -24,6 +24,7 @@ from tests.support.page import PATIENCE, EditorPage
 
 WIDE = ViewportSize(width=1280, height=800)
 NARROW = ViewportSize(width=860, height=800)  # both panels, and little of the view, which software draws slowly
+OFTEN = "void 0"  # the page draws as often as it can
 # Software draws a frame in a good part of a second: at most two a second leave the cores to everything else.
 SELDOM = """const draw = requestAnimationFrame.bind(window), drop = clearTimeout.bind(window);
 window.requestAnimationFrame = frame => setTimeout(() => draw(frame), 500);
@@ -61,27 +62,27 @@ def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def visit(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
     """Opens the editor in a new tab, once more with each call. At the end no page may have complained."""
-    with visiting(browser, editor, screenshots, WIDE) as come:
+    with visiting(browser, editor, screenshots, WIDE, OFTEN) as come:
         yield come
 
 
 @pytest.fixture
 def visit_narrow(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
-    """As `visit`, in narrow windows."""
-    with visiting(browser, editor, screenshots, NARROW) as come:
+    """As `visit`, in narrow windows that are seldom drawn."""
+    with visiting(browser, editor, screenshots, NARROW, SELDOM) as come:
         yield come
 
 
 @contextmanager
 def visiting(
-    browser: Browser, editor: Editor, screenshots: Path, size: ViewportSize
+    browser: Browser, editor: Editor, screenshots: Path, size: ViewportSize, script: str
 ) -> Iterator[Callable[[], EditorPage]]:
-    """A function that opens the editor in a new tab of some size."""
+    """A function that opens the editor in a new tab of some size, after a script."""
     pages: list[EditorPage] = []
 
     def come() -> EditorPage:
         page = browser.new_page(viewport=size, accept_downloads=True)
-        page.add_init_script(SELDOM)
+        page.add_init_script(script)
         pages.append(EditorPage(page, editor.address, screenshots))
         return pages[-1]
 
