@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser.page import LENGTHS, EditorPage
+
+from tests.support.page import LENGTHS, EditorPage
 
 pytestmark = pytest.mark.slow
 Visit = Callable[[], EditorPage]
