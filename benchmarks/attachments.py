@@ -67,14 +67,14 @@ def gap(one: Mesh, other: Mesh, side: float) -> float:
 
 def measured(run: Run, shapes: ShapeFolder, items: list[tuple[str, int]]) -> list[float]:
     """COLUMNS over some surfaces."""
-    found = [gaps_of(run, shapes, *item) for item in items]
-    largest = [100 * max(gaps, default=0.0) / side for gaps, _, side in found]
-    pairs = np.concatenate([gaps for gaps, _, _ in found])
+    surfaces = [gaps_of(run, shapes, *item) for item in items]
+    largest = [100 * max(gaps, default=0.0) / side for gaps, _, side in surfaces]
+    pairs = np.concatenate([gaps for gaps, _, _ in surfaces])
     return [
         float(np.mean(largest)),
         max(largest),
         float((pairs > SEEN).mean()),
-        float(np.mean([right for _, right, _ in found])),
+        float(np.mean([right for _, right, _ in surfaces])),
     ]
 
 

@@ -144,8 +144,7 @@ def test_distances_are_in_the_smallest_length_of_the_cuboid_and_no_length_is_too
     features = decoder.features(points, cuboids)
     doubled = condition.clone()
     doubled[:, -1] *= 2
-    said = (decoder.evaluate(features, values, torch.float32) for values in (condition, doubled))
-    one, two = said
+    one, two = (decoder.evaluate(features, values, torch.float32) for values in (condition, doubled))
     torch.testing.assert_close(two, 2 * one)
 
 
@@ -170,9 +169,9 @@ def test_a_part_grows_with_its_cuboid_and_its_distances_with_it(factor: float) -
     condition = decoder.condition(code, cuboids[0])
     other = torch.cat([condition[:, :-1], decoder.unit(cuboids[1])[:, None]], dim=1)
     points = torch.from_numpy(given.from_unit(rng.uniform(-0.5, 0.5, (20, 3)), 0)).float()[None]
-    here = decoder.evaluate(decoder.features(points, cuboids[0]), condition, torch.float32)
-    there = decoder.evaluate(decoder.features(factor * points, cuboids[1]), other, torch.float32)
-    torch.testing.assert_close(there, factor * here, rtol=1e-3, atol=1e-5)
+    before = decoder.evaluate(decoder.features(points, cuboids[0]), condition, torch.float32)
+    after = decoder.evaluate(decoder.features(factor * points, cuboids[1]), other, torch.float32)
+    torch.testing.assert_close(after, factor * before, rtol=1e-3, atol=1e-5)
 
 
 def test_a_part_is_the_same_wherever_its_cuboid_stands() -> None:
