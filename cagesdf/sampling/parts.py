@@ -1,8 +1,8 @@
 """Signed distance samples of one part, in and around its cuboid, to its own closed surface.
 
 A part is moved by its own cuboid alone: an affine map between unit frames, so that its surface in the unit frame is
-the same at every step of a sequence. Points near the surface are spread evenly over it there, and as many as it
-asks for: a back of many slats gets more than a plate, and the body of a vase more than its knob. Where cuboids overlap,
+the same at every step of a sequence. Points near the surface are spread evenly over it there, and their number follows
+its area: a back of many slats has more than a plate, and the body of a vase more than its knob. Where cuboids overlap,
 each has its own points there.
 """
 
@@ -22,11 +22,11 @@ from cagesdf.sampling.shapes import rounded_up
 
 SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
 LEAST_CHUNKS = 2  # of a part at one step
-# Areas of a surface in the unit frame between which points follow it; a box has 6. A bent wire in a large cuboid may
-# have less than 1, and yet all of the cuboid's empty space to be kept empty.
+# Number of points of a part: its area in the unit frame (a box has 6), at most LARGEST, times its share, at least
+# SMALLEST. A bent wire in a large cuboid may have an area of less than 1, and yet all of the cuboid is to be kept empty.
 SMALLEST, LARGEST = 4.0, 150.0
-# What parts of little and of much surface, in the shape, get of those numbers. In proportion to its surface a knob
-# would be hardly taught, in proportion to nothing a vase's body, three quarters of what one sees, as little as a knob.
+# Bounds of a part's share. By area in the shape alone a knob would hardly be trained; without it the body of a vase,
+# three quarters of the surface, as little as a knob.
 FEWEST, MOST = 0.5, 3.0
 
 
@@ -40,10 +40,10 @@ class PartSamples:
 
 
 def shares(solids: Sequence[Mesh], cage: Cage) -> list[float]:
-    """What each of a shape's parts gets of the points that its surface asks for in the unit frame.
+    """Factor on the number of points of each part, by its area within the shape.
 
-    The root of its canonical area over the mean of the parts', at least FEWEST and at most MOST. Solids are in the unit
-    frames of their cuboids.
+    It is the square root of the part's canonical area over the mean of the parts, clamped to FEWEST and MOST. Solids
+    are in the unit frames of their cuboids.
     """
     moved = [solid.with_vertices(cage.from_unit(solid.vertices, part)) for part, solid in enumerate(solids)]
     areas = [float(face_areas(solid).sum()) for solid in moved]
@@ -63,15 +63,15 @@ def sample_part(
 ) -> PartSamples:
     """Training samples of a closed part, given in the unit frame of cuboid number `cuboid`.
 
-    For each unit of its surface's area there it gets `part_near` points around the surface and `part_uniform` others,
-    times `share` (see `shares`); areas count as at least SMALLEST and at most LARGEST.
+    For each unit of its surface's area there, times `share` (see `shares`), it gets `part_near` points around the
+    surface and `part_uniform` others; an area counts as at most LARGEST, its product with `share` as at least SMALLEST.
 
     Near points are at places of the surface, uniform by area in the unit frame, plus an isotropic normal offset whose
     standard deviation is log-uniform in SPREAD times the cuboid's smallest length. Those that fall beyond the cuboid by
     more than BEYOND of a length are drawn uniformly instead, in the cuboid enlarged by that, like the uniform points.
     """
     areas = face_areas(solid)
-    area = share * min(max(float(areas.sum()), SMALLEST), LARGEST)
+    area = max(share * min(float(areas.sum()), LARGEST), SMALLEST)
     near = int(part_near * area)
     total = max(LEAST_CHUNKS, -(-int((part_near + part_uniform) * area) // chunk)) * chunk
     moved = solid.with_vertices(cage.from_unit(solid.vertices, cuboid))

@@ -78,13 +78,15 @@ def test_a_part_has_its_least_chunks_and_a_rough_one_no_more_than_the_largest() 
     slats = union([toy.box((0, 0, z), (1, 1, 0.004)) for z in np.linspace(-0.49, 0.49, 120)])
     wire = BOX.with_vertices(BOX.vertices * [1, 0.01, 0.01])
     assert face_areas(wire).sum() < SMALLEST
-    assert len(sampled(wire, cage(), (100.0, 50.0)).sdf) == -(-int(150 * SMALLEST) // CHUNK)
+    for share in (FEWEST, 1.0, MOST):
+        expected = -(-int(150 * max(SMALLEST, share * face_areas(wire).sum())) // CHUNK)
+        assert len(sampled(wire, cage(), (100.0, 50.0), share=share).sdf) == expected
     assert face_areas(slats).sum() > LARGEST
     assert len(sampled(slats, cage(), (1.0, 0.5)).sdf) == -(-int(1.5 * LARGEST) // CHUNK)
 
 
 def test_points_are_multiplied_by_the_parts_share() -> None:
-    for share in (0.5, 1.0, 3.0):
+    for share in (0.75, 1.0, 3.0):
         assert 0 <= sampled(BOX, cage(), share=share).sdf.size - int(52 * 6 * share) < CHUNK
 
 
