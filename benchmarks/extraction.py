@@ -88,25 +88,27 @@ def memory(run: Path, shape: int) -> None:
 def fineness(runs: list[Path], shapes: int) -> None:
     """Parts against themselves on a lattice of 512 cells, 48 at least: what cells, the step to the zero set and fewer
     faces do."""
-    row("run", "cells, least", "drawn, fewer", "normals", "distance (1e-4)", "faces a part", "ms a part")
+    row("run", "cells, least", "drawn, sag, even", "normals", "distance (1e-4)", "faces a part", "ms a part")
     row(*["---"] * 7)
     usual = marching.FARTHEST
     for path in runs:
         run = read_run(path)
         fields = [rest_field(run, shape_id) for shape_id in drawn(run, shapes)]
         items = [(field, k) for field in fields for k in range(0, len(field.cage), 3)]
-        finest = [part_of(field, k, cell_of(512), Fineness(48, 0.0), METHODS["sparse"]).mesh for field, k in items]
+        finest = [part_of(field, k, cell_of(512), Fineness(48, 0.0, 0.0), METHODS["sparse"]).mesh for field, k in items]
         for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
-            for farthest, even in ((0.0, 0.0), (usual, 0.0), (usual, 0.05), (usual, 0.2)):
-                marching.FARTHEST, each = farthest, Fineness(fineness.least, even)
+            none, fine, coarse = (0.0, 0.0), (USUAL.sag, USUAL.even), (PREVIEW.sag, PREVIEW.even)
+            for farthest, reduced in ((0.0, none), (usual, none), (usual, fine), (usual, coarse)):
+                marching.FARTHEST, each = farthest, Fineness(fineness.least, *reduced)
                 start = time.process_time()
                 parts = [part_of(*item, cell_of(resolution), each, METHODS["sparse"]) for item in items]
                 seconds = time.process_time() - start
                 pairs = [(p.mesh, truth) for p, truth in zip(parts, finest) if len(truth.faces) and len(p.mesh.faces)]
                 normals, distance = np.mean([agreement(*pair) for pair in pairs], axis=0)
                 faces = np.mean([len(part.mesh.faces) for part in parts])
-                row(path.parent.name, f"{resolution}, {each.least}", f"{farthest:g}, {even:g}", f"{normals:.4f}",
-                    f"{1e4 * distance:.2f}", f"{faces:,.0f}", f"{1000 * seconds / len(items):.0f}")  # fmt: skip
+                row(path.parent.name, f"{resolution}, {each.least}", f"{farthest:g}, {each.sag:g}, {each.even:g}",
+                    f"{normals:.4f}", f"{1e4 * distance:.2f}", f"{faces:,.0f}",
+                    f"{1000 * seconds / len(items):.0f}")  # fmt: skip
         marching.FARTHEST = usual
 
 

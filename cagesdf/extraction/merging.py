@@ -15,12 +15,13 @@ from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched
 
 STRIDES = (2, 1)  # of the points that vertices gather around, in steps
-# Chords between merged vertices may leave the surface by about this, in steps: that bounds the spread of normals.
-SAG = 0.028
 
 
-def merged(marched: Marched, lattice: Lattice) -> Marched:
-    """The surface with the vertices of each nearly flat disc made one, at their mean; vertices on faces stay."""
+def merged(marched: Marched, lattice: Lattice, sag: float) -> Marched:
+    """The surface with the vertices of each nearly flat disc made one, at their mean; vertices on faces stay.
+
+    Chords between merged vertices leave the surface by about `sag` steps at most: that bounds the spread of normals.
+    """
     count = len(marched.places)
     if count == 0:
         return marched
@@ -37,7 +38,7 @@ def merged(marched: Marched, lattice: Lattice) -> Marched:
         first_at[keys[::-1]] = members[::-1]
         label = np.full(count, -1, np.int32)
         label[members] = first_at[keys]
-        flat = members[flat_discs(label, corners, normals, stride)[label[members]]]
+        flat = members[flat_discs(label, corners, normals, stride, sag)[label[members]]]
         owner[flat] = label[flat]
         free[flat] = False
     return _joined(marched, corners, owner)
@@ -58,13 +59,13 @@ def normal_sums(vertices: Float[ndarray, "v 3"], corners: Int[ndarray, "3 f"]) -
 
 
 def flat_discs(
-    labels: Int[ndarray, " v"], corners: Int[ndarray, "3 f"], normals: Float[ndarray, "4 v"], stride: int
+    labels: Int[ndarray, " v"], corners: Int[ndarray, "3 f"], normals: Float[ndarray, "4 v"], stride: int, sag: float
 ) -> Bool[ndarray, " v"]:
     """Whether each cluster of vertices is a disc (its Euler number is 1) of nearly one normal, by its label.
 
-    The label is the number of one of its vertices; −1: of none. On a cylinder whose chords between clusters sag by SAG,
-    normals of a cluster and the faces around it are spread evenly over an angle; the length of their mean says how wide
-    it is.
+    The label is the number of one of its vertices; −1: of none. On a cylinder whose chords between clusters sag by
+    `sag`, normals of a cluster and the faces around it are spread evenly over an angle; the length of their mean says
+    how wide it is.
     """
     count = len(labels)
     a, b, c = labels[corners]
@@ -75,7 +76,7 @@ def flat_discs(
     edges = np.bincount(np.concatenate([a[ab], b[bc], c[ca]]), minlength=count) // 2
     disc = sizes - edges + np.bincount(a[ab & bc], minlength=count) == 1
     x, y, z, area = (np.bincount(cluster, row[members], count) for row in normals)
-    spread = 8 * SAG / stride**2 * (stride + 1.5)  # radians
+    spread = 8 * sag / stride**2 * (stride + 1.5)  # radians
     least = max(0.0, 1 - spread**2 / 24)
     return disc & (sizes > 1) & (x * x + y * y + z * z > (least * area) ** 2)
 

@@ -12,6 +12,7 @@ from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import drawn, march
 from cagesdf.extraction.merging import merged
+from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.resizing import keeping_warp, vulnerability
 from cagesdf.geometry.solid import as_manifold, from_manifold
@@ -19,18 +20,22 @@ from cagesdf.geometry.solid import as_manifold, from_manifold
 # A vertex on a face counts as clipped where the network's surface would go beyond it by more, in cells, or where the
 # value is below -reach / 2.
 CLIP_TOLERANCE = 0.25
+# Cells below COARSE don't make the network more exact: in smaller ones faces are reduced with the movements that COARSE
+# ones have, in canonical units, or at most EASE times the usual movements in steps.
+COARSE, EASE = 2 * HALF_EXTENT / 128, 2.0
 
 
 @dataclass(frozen=True)
 class Fineness:
-    """Least number of cells of a part, and how much its faces are simplified."""
+    """Least number of cells of a part, and how far its surface may move as its faces are reduced (see EASE)."""
 
     least: int  # cells along each axis of its cuboid
-    even: float  # largest movement of the surface as its faces are simplified, in the shortest steps
+    sag: float  # of chords between the vertices that `merged` leaves, in steps
+    even: float  # largest movement as the closed part is simplified after that, in the shortest steps
 
 
-USUAL = Fineness(16, 0.05)
-PREVIEW = Fineness(12, 0.2)  # for surfaces that must appear at once
+USUAL = Fineness(16, 0.028, 0.05)
+PREVIEW = Fineness(12, 0.06, 0.2)  # for surfaces that must appear at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +71,10 @@ def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, meth
     del answers  # the largest thing in memory at 512 cells
     vertices = len(marched.places)
     clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
-    mesh, drawn_by = drawn(merged(marched, lattice), partial(field.ask, cuboid=cuboid), lattice)
+    ease = min(max(COARSE / cell, 1.0), EASE)
+    mesh, drawn_by = drawn(merged(marched, lattice, ease * fineness.sag), partial(field.ask, cuboid=cuboid), lattice)
     del marched
-    solid = as_manifold(mesh).simplify(fineness.even * float(lattice.steps.min()))
+    solid = as_manifold(mesh).simplify(ease * fineness.even * float(lattice.steps.min()))
     mesh = from_manifold(solid)
     if len(mesh.faces) and (field.evaluated.size[cuboid] != field.cage.size[cuboid]).any():
         mesh = with_details_kept(mesh, field.evaluated, field.cage, cuboid, lattice)

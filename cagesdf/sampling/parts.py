@@ -23,7 +23,7 @@ from cagesdf.sampling.shapes import rounded_up
 SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
 LEAST_CHUNKS = 2  # of a part at one step
 # Number of points of a part: its area in the unit frame (a box has 6), at most LARGEST, times its share, at least
-# SMALLEST. A bent wire in a large cuboid may have an area of less than 1, and yet all of the cuboid is to be kept empty.
+# SMALLEST: a bent wire in a large cuboid may have an area of less than 1, and yet all of the cuboid is to be empty.
 SMALLEST, LARGEST = 4.0, 150.0
 # Bounds of a part's share. By area in the shape alone a knob would hardly be trained; without it the body of a vase,
 # three quarters of the surface, as little as a knob.

@@ -18,6 +18,7 @@ from cagesdf.extraction import (
     LOOSE,
     METHODS,
     SYMMETRIES,
+    USUAL,
     CageField,
     Fineness,
     LiveSurface,
@@ -338,7 +339,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     """Of each part, before and after its faces are made fewer, and of all; `extract` checks only the last."""
     cage = random_cage(seed, 3)
     decoder = waves(seed, 100 * scale) if smooth else noise(scale)
-    found = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.05))
+    found = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.028, 0.05))
     for part_id, mesh in found.parts.items():
         if len(mesh.faces):
             assert_sound(mesh)
@@ -352,7 +353,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     field, lattice = field_of(decoder, LATENT, cage), Lattice.of(cage["0"], 0.2, 6)
     marched = marched_of(field, lattice)
     if len(marched.faces):
-        fewer = merged(marched, lattice)
+        fewer = merged(marched, lattice, USUAL.sag)
         for surface in (marched, fewer):
             mesh, _ = drawn(surface, field_ask(field), lattice)
             assert_sound(mesh)
@@ -476,6 +477,15 @@ def test_an_edited_surface_is_that_of_starting_anew(method: str) -> None:
             assert here.asked < 0.8 * first
 
 
+def test_finer_cells_come_nearer_to_a_ball_though_they_have_fewer_faces_for_their_number() -> None:
+    cage = Cage.of({"ball": Cuboid(np.zeros(3), np.eye(3), np.full(3, 0.8))})
+    ball = Local(lambda p: np.linalg.norm(p, axis=1) - 0.37)
+    surfaces = [extract(field_of(ball, LATENT, cage), cells).mesh for cells in (64, 128, 256)]
+    away = [np.abs(sphere_sdf(surface.corners().mean(axis=1), 0.37)).mean() for surface in surfaces]
+    assert away[0] > 1.2 * away[1] > 1.2 * 1.5 * away[2]
+    assert len(surfaces[2].faces) < 3 * len(surfaces[1].faces)
+
+
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=6, deadline=None)
 def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_anew(seed: int) -> None:
@@ -484,7 +494,7 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
     bumpy = Local(lambda p: np.linalg.norm(p, axis=1) - 0.2 + 0.03 * np.sin(25 * p[:, 0]) * np.cos(19 * p[:, 2]))
     cage = random_cage(seed, 4)
     cage = replace(cage, size=cage.size.clip(0.3))
-    live = LiveSurface(24, fineness=Fineness(6, 0.05))
+    live = LiveSurface(24, fineness=Fineness(6, 0.028, 0.05))
     live.surface(field_of(bumpy, LATENT, cage))
     for edit in range(6):
         centre, axes, size = cage.centre.copy(), cage.axes.copy(), cage.size.copy()
@@ -494,7 +504,7 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
         size[k] *= rng.uniform(0.8, 1.2, 3) if edit == 5 else 1
         cage = replace(cage, centre=centre, axes=axes, size=size)
         field = field_of(bumpy, LATENT, cage)
-        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 0.05))
+        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 0.028, 0.05))
         assert_same(once.mesh, anew.mesh)
         for part in cage.part_ids:
             assert_same(once.parts[part], anew.parts[part])
@@ -546,10 +556,10 @@ def test_unions_that_were_kept_change_nothing(seed: int) -> None:
     """Bit for bit, over edits of one of seven parts after another, some of them empty."""
     rng = np.random.default_rng(seed)
     decoder, cage = waves(seed, 1.0), random_cage(seed, 7)
-    live = LiveSurface(20, fineness=Fineness(6, 0.05))
+    live = LiveSurface(20, fineness=Fineness(6, 0.028, 0.05))
     for _ in range(4):
         field = field_of(decoder, LATENT, cage)
-        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 0.05)).mesh)
+        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 0.028, 0.05)).mesh)
         centre = cage.centre.copy()
         centre[rng.integers(7)] += rng.normal(size=3) * 0.2
         cage = replace(cage, centre=centre)
