@@ -92,7 +92,7 @@ def main(runs: list[Path], threads: int, edits: int, seed: int) -> None:
         session = Session(read_run(run))
         todo += [(session, *script) for script in scripts(session, -(-edits // len(runs)), seed)]
     print(f"On {processor()}, {threads} for cuboids; load {os.getloadavg()[0]:.1f}.\n")
-    print("| cells | edit | edits | ms p50 | p95 | largest | processor ms p50 | p95 | asked p50 |")
+    print("| cells | edit | edits | ms p50 | p95 | largest | processor ms p50 | p95 | evaluations p50 |")
     print("|---|---|---|---|---|---|---|---|---|")
     for resolution, fineness in SIZES:
         times: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
@@ -104,15 +104,15 @@ def main(runs: list[Path], threads: int, edits: int, seed: int) -> None:
                 wall, begun = time.perf_counter(), time.process_time()
                 history = apply(history, operation, session.styles)
                 surface = live.surface(history.present)
-                took = time.perf_counter() - wall, time.process_time() - begun, surface.asked
+                took = time.perf_counter() - wall, time.process_time() - begun, surface.evaluations
                 assert is_closed(surface.mesh), (shape_id, operation)
                 times[operation.op].append(took)
         for kind, names in KINDS.items():
-            walls, processors, asked = np.array([took for name in names for took in times[name]]).T
+            walls, processors, evaluations = np.array([took for name in names for took in times[name]]).T
             cells = [
                 *(f"{1000 * np.quantile(walls, q):.0f}" for q in (0.5, 0.95, 1)),
                 *(f"{1000 * np.quantile(processors, q):.0f}" for q in (0.5, 0.95)),
-                f"{np.median(asked):,.0f}",
+                f"{np.median(evaluations):,.0f}",
             ]
             print(f"| {resolution} | {kind} | {len(walls)} | {' | '.join(cells)} |", flush=True)
 

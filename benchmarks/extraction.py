@@ -54,7 +54,7 @@ def rest_field(run: Run, shape_id: str) -> CageField:
 
 
 def methods(runs: list[Path], shapes: int) -> None:
-    row("run", "cells", "shapes, equal", "on lattices", "asked", "share", "dense s", "sparse s", "faces", "clipped",
+    row("run", "cells", "shapes, equal", "on lattices", "evaluated", "share", "dense s", "sparse s", "faces", "clipped",
         "largest overshoot")  # fmt: skip
     row(*["---"] * 11)
     for path in runs:
@@ -62,9 +62,9 @@ def methods(runs: list[Path], shapes: int) -> None:
         for resolution in (128, 256):
             ids = drawn(run, shapes)
             figures = np.array([compared(rest_field(run, shape_id), resolution) for shape_id in ids])
-            points, asked, slow, fast, faces, clipped = figures[:, :6].mean(axis=0)
+            points, evaluations, slow, fast, faces, clipped = figures[:, :6].mean(axis=0)
             row(path.parent.name, resolution, f"{len(ids)}, {int(figures[:, 6].sum())}", f"{points:,.0f}",
-                f"{asked:,.0f}", f"{asked / points:.2f}", f"{slow:.2f}", f"{fast:.2f}", f"{faces:,.0f}",
+                f"{evaluations:,.0f}", f"{evaluations / points:.2f}", f"{slow:.2f}", f"{fast:.2f}", f"{faces:,.0f}",
                 f"{clipped:.3f}", f"{figures[:, 7].max():.1g}")  # fmt: skip
 
 
@@ -74,7 +74,8 @@ def compared(field: CageField, resolution: int) -> tuple[float, ...]:
     slow, dense = timed(lambda: extract(field, resolution, METHODS["dense"]))
     fast, sparse = timed(lambda: extract(field, resolution))
     equal = np.array_equal(dense.mesh.vertices, sparse.mesh.vertices)
-    return (dense.asked, sparse.asked, slow, fast, len(sparse.mesh.faces), sparse.clipped, equal, sparse.overshoot)
+    counts = dense.evaluations, sparse.evaluations, slow, fast, len(sparse.mesh.faces)
+    return (*counts, sparse.clipped, equal, sparse.overshoot)
 
 
 def memory(run: Path, shape: int) -> None:
@@ -82,7 +83,8 @@ def memory(run: Path, shape: int) -> None:
     shape_id = list(trained.sequences)[shape]
     seconds, extraction = timed(extract, rest_field(trained, shape_id), 512)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    row(shape_id, f"{peak:.0f} MB", f"{seconds:.1f} s", f"{extraction.asked:,}", f"{len(extraction.mesh.faces):,}")
+    faces = len(extraction.mesh.faces)
+    row(shape_id, f"{peak:.0f} MB", f"{seconds:.1f} s", f"{extraction.evaluations:,}", f"{faces:,}")
 
 
 def fineness(runs: list[Path], shapes: int) -> None:
@@ -129,15 +131,13 @@ def agreement(one: Mesh, other: Mesh) -> np.ndarray:
 
 
 def latency(runs: list[Path], edits: int) -> None:
-    row(
-        "run", "cells, least, even", "edits", "p50 ms", "p95 ms", "largest ms", "the first surface ms", "asked (median)"
-    )
+    row("run", "cells, least, even", "edits", "p50 ms", "p95 ms", "largest ms", "the first surface ms", "evaluated")
     row(*["---"] * 8)
     for path in runs:
         run = read_run(path)
         for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
             rng = np.random.default_rng(0)
-            seconds, first, asked = [], [], []
+            seconds, first, evaluations = [], [], []
             ids = drawn(run, 10)
             for shape_id in ids:
                 field = rest_field(run, shape_id)
@@ -150,11 +150,11 @@ def latency(runs: list[Path], edits: int) -> None:
                     given = CageField(run.decoder, field.codes, cage)
                     spent, extraction = timed(live.surface, given, clock=time.perf_counter)
                     seconds.append(spent)
-                    asked.append(extraction.asked)
+                    evaluations.append(extraction.evaluations)
             p50, p95 = np.percentile(seconds, [50, 95])
             row(path.parent.name, f"{resolution}, {fineness.least}, {fineness.even:g}", len(seconds),
                 *(f"{1000 * t:.0f}" for t in (p50, p95, max(seconds), np.median(first))),
-                f"{np.median(asked):,.0f}")  # fmt: skip
+                f"{np.median(evaluations):,.0f}")  # fmt: skip
 
 
 def edited(cage: Cage, rng: np.random.Generator) -> Cage:

@@ -52,7 +52,7 @@ def surface_of(run: Run, params: ExtractParams, item: tuple[str, int]) -> Surfac
         sequence.held_out[step],
         extraction.mesh,
         extraction.clipped,
-        extraction.asked,
+        extraction.evaluations,
         run.similarities[shape_id],
         extraction.components,
         extraction.dropped,

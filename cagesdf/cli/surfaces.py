@@ -235,7 +235,7 @@ class _Work:
             "out": str(self.out),
             "vertices": len(model.surface.vertices),
             "faces": len(model.surface.faces),
-            "evaluations": surface.asked,
+            "evaluations": surface.evaluations,
             "closed": True,
             "volume": signed_volume(model.surface),
             "components": surface.components,

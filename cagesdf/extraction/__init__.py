@@ -6,7 +6,7 @@ flat faces and sharp edges, and nothing lies outside. The shape is the exact uni
 
 lattice.py    the points of a cuboid
 field.py      a decoder with a cage and the codes of its parts
-asking.py     sparse or dense
+values.py     a network's values there, everywhere or only where the surface can be
 table.py      triangles of a cell for each sign of its corners
 marching.py   a surface from values, its vertices moved to the zero set
 merging.py    fewer vertices where it is nearly flat
@@ -15,7 +15,6 @@ promises.py   invariants of every surface
 surface.py    `extract`, and `LiveSurface` for edits
 """
 
-from cagesdf.extraction.asking import METHODS, ask_densely, ask_sparsely
 from cagesdf.extraction.field import CUBE, CageField, field_of
 from cagesdf.extraction.marching import NOTHING
 from cagesdf.extraction.part import PREVIEW, USUAL, Fineness, Part
@@ -27,6 +26,7 @@ from cagesdf.extraction.surface import (
     extract,
     extract_surface,
 )
+from cagesdf.extraction.values import METHODS, dense_values, sparse_values
 
 __all__ = [
     "CUBE",
@@ -42,9 +42,9 @@ __all__ = [
     "Fineness",
     "LiveSurface",
     "Part",
-    "ask_densely",
-    "ask_sparsely",
+    "dense_values",
     "extract",
     "extract_surface",
     "field_of",
+    "sparse_values",
 ]

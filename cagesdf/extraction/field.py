@@ -55,7 +55,7 @@ class CageField:
         return self.decoder.trusted * float(self.decoder.unit(self._vector(cuboid)))
 
     @torch.inference_mode()
-    def ask(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:
+    def values(self, points: Float[ndarray, "n 3"], cuboid: int) -> Float32[ndarray, " n"]:
         """The network's values, within ±`reach`, at canonical points of cuboid number `cuboid`.
 
         In float32: bfloat16's steps would show on the surface. A point's value doesn't depend on the
@@ -70,7 +70,7 @@ class CageField:
 
     @torch.inference_mode()
     def on_lattice(self, lattice: Lattice, cuboid: int) -> Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]:
-        """`ask` for nodes of a lattice of cuboid number `cuboid`, by their indices; equal to it but for rounding."""
+        """`values` at nodes of a lattice of cuboid number `cuboid`, by their indices; equal to it but for rounding."""
         vector, condition = self._conditioned(cuboid)
         axes = [torch.from_numpy(axis).to(self.codes) for axis in lattice.unit_axes()]
         at_nodes = self.decoder.on_lattice(condition, vector, axes)

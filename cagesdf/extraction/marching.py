@@ -116,7 +116,7 @@ def triangles(
 
 
 def drawn(
-    marched: Marched, ask: Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]], lattice: Lattice
+    marched: Marched, evaluate: Callable[[Float[ndarray, "n 3"]], Float32[ndarray, " n"]], lattice: Lattice
 ) -> tuple[Mesh, int]:
     """The surface with its vertices drawn to the zero set, canonical, and the number of points evaluated for it.
 
@@ -128,7 +128,7 @@ def drawn(
     inner = np.flatnonzero(((places > 0) & (places < lattice.cells)).all(axis=1))
     local = Mesh(places * lattice.steps, marched.faces)
     normals = vertex_normals(local)[inner]
-    away = ask(lattice.points(places[inner])) / np.maximum(marched.slope[inner], 1)
+    away = evaluate(lattice.points(places[inner])) / np.maximum(marched.slope[inner], 1)
     step = (away[:, None] * normals / lattice.steps).clip(-FARTHEST, FARTHEST)
     places[inner] = (places[inner] - step).clip(NUDGE, lattice.cells - NUDGE)
     return Mesh(lattice.points(places), marched.faces), len(inner)

@@ -7,11 +7,11 @@ import numpy as np
 from manifold3d import Manifold
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.extraction.asking import Method
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import drawn, march
 from cagesdf.extraction.merging import merged
+from cagesdf.extraction.values import Method
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.resizing import keeping_warp, vulnerability
@@ -49,7 +49,7 @@ class Part:
     solid: Manifold  # the same, ready to be united
     vertices: int  # of marching cubes
     clipped: int  # of them on the cuboid's faces where the network would go on
-    asked: int  # points given to the network
+    evaluations: int  # points given to the network
 
     def moved(self, cuboid: Cuboid) -> "Part":
         """A part of a cuboid at the origin, in a cuboid of the same lengths elsewhere."""
@@ -65,21 +65,21 @@ def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, meth
     Cells are of the cuboid that the network is evaluated in.
     """
     lattice = Lattice.of(field.evaluated[field.cage.part_ids[cuboid]], cell, fineness.least)
-    answers = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
-    asked = answers.asked
-    marched = march(answers.values, lattice)
-    del answers  # the largest thing in memory at 512 cells
+    sampled = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
+    evaluations = sampled.evaluations
+    marched = march(sampled.values, lattice)
+    del sampled  # the largest thing in memory at 512 cells
     vertices = len(marched.places)
     clipped = int(np.count_nonzero(marched.clipped < -min(CLIP_TOLERANCE * cell, field.reach(cuboid) / 2)))
     ease = min(max(COARSE / cell, 1.0), EASE)
-    mesh, drawn_by = drawn(merged(marched, lattice, ease * fineness.sag), partial(field.ask, cuboid=cuboid), lattice)
+    mesh, further = drawn(merged(marched, lattice, ease * fineness.sag), partial(field.values, cuboid=cuboid), lattice)
     del marched
     solid = as_manifold(mesh).simplify(ease * fineness.even * float(lattice.steps.min()))
     mesh = from_manifold(solid)
     if len(mesh.faces) and (field.evaluated.size[cuboid] != field.cage.size[cuboid]).any():
         mesh = with_details_kept(mesh, field.evaluated, field.cage, cuboid, lattice)
         solid = as_manifold(mesh)
-    return Part(mesh, solid, vertices, clipped, asked + drawn_by)
+    return Part(mesh, solid, vertices, clipped, evaluations + further)
 
 
 def with_details_kept(mesh: Mesh, evaluated: Cage, cage: Cage, cuboid: int, lattice: Lattice) -> Mesh:

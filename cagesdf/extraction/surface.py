@@ -7,11 +7,11 @@ import numpy as np
 from manifold3d import Manifold
 
 from cagesdf.cuboid import Cage
-from cagesdf.extraction.asking import Method, ask_sparsely
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.marching import NOTHING
 from cagesdf.extraction.part import USUAL, Fineness, Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
+from cagesdf.extraction.values import Method, sparse_values
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import from_manifold
@@ -28,7 +28,7 @@ class Extraction:
 
     mesh: Mesh  # canonical, closed, manifold, outward, within the cuboids; no faces if the network says outside
     parts: Meshes  # by cuboid, closed; the mesh is their union without the components that `loose` drops
-    asked: int  # points given to the network
+    evaluations: int  # points given to the network
     clipped: float  # share of the parts' vertices where the cage cut the network's surface off
     components: int  # connected components of the mesh
     dropped: int  # further components that were left out
@@ -43,7 +43,7 @@ class Extraction:
 def extract(
     field: CageField,
     resolution: int,
-    method: Method = ask_sparsely,
+    method: Method = sparse_values,
     loose: Loose = keep_loose,
     symmetry: Symmetry = symmetric_none,
     each: Each = map,
@@ -77,7 +77,7 @@ class LiveSurface:
     def __init__(
         self,
         resolution: int,
-        method: Method = ask_sparsely,
+        method: Method = sparse_values,
         loose: Loose = keep_loose,
         symmetry: Symmetry = symmetric_none,
         each: Each = map,
@@ -95,7 +95,7 @@ class LiveSurface:
         self._unions: dict[tuple[bytes, ...], Manifold] = {}  # by the keys of their parts, of the last surface
 
     def surface(self, field: CageField) -> Extraction:
-        """The extraction of `extract` for this field; `asked` counts only the points that were evaluated now.
+        """The extraction of `extract` for this field; `evaluations` counts only the points that were evaluated now.
 
         All fields that are given are of one decoder, which does not change.
         """
@@ -105,21 +105,21 @@ class LiveSurface:
         # The largest first, so that no thread is left alone with it.
         order = sorted(range(len(keys)), key=lambda k: -field.cage.size[k].prod())
         unknown = {unplaced_keys[k]: k for k in order if unplaced_keys[k] not in known}
-        answers = self.each(lambda k: part_of(unplaced, k, self.cell, self.fineness, self.method), unknown.values())
-        new = dict(zip(unknown, answers))
+        made = self.each(lambda k: part_of(unplaced, k, self.cell, self.fineness, self.method), unknown.values())
+        new = dict(zip(unknown, made))
         known |= new
         for key, unplaced_key, part_id in zip(keys, unplaced_keys, field.cage.part_ids):
             if key not in known:
                 known[key] = known[unplaced_key].moved(field.cage[part_id])
         parts = [known[key] for key in keys]
         self._before, self._last = self._last, {key: known[key] for key in (*keys, *unplaced_keys)}
-        return self._finished(field.cage, keys, parts, sum(part.asked for part in new.values()))
+        return self._finished(field.cage, keys, parts, sum(part.evaluations for part in new.values()))
 
-    def _finished(self, cage: Cage, keys: Sequence[bytes], parts: Sequence[Part], asked: int) -> Extraction:
+    def _finished(self, cage: Cage, keys: Sequence[bytes], parts: Sequence[Part], evaluations: int) -> Extraction:
         meshes: Meshes = {part_id: part.mesh for part_id, part in zip(cage.part_ids, parts)}
         held = {key: part.solid for key, part in zip(keys, parts) if len(part.mesh.faces)}
         if not held:
-            return Extraction(NOTHING, meshes, asked, 0.0, 0, 0, 0.0)
+            return Extraction(NOTHING, meshes, evaluations, 0.0, 0, 0, 0.0)
         unions: dict[tuple[bytes, ...], Manifold] = {}
         whole = in_order(from_manifold(self._united(tuple(held), held, unions)))
         self._unions = unions
@@ -129,7 +129,7 @@ class LiveSurface:
         components = count_pieces(mesh)
         dropped = 0 if mesh is whole else count_pieces(whole) - components
         clipped = sum(part.clipped for part in parts) / sum(part.vertices for part in parts)
-        return Extraction(mesh, meshes, asked, clipped, components, dropped, overshoot)
+        return Extraction(mesh, meshes, evaluations, clipped, components, dropped, overshoot)
 
     def _united(
         self, keys: tuple[bytes, ...], solids: Mapping[bytes, Manifold], unions: dict[tuple[bytes, ...], Manifold]

@@ -271,7 +271,7 @@ def report(fit: Fit, surface: Extraction, measured: Mapping[str, float]) -> dict
         "residual": round(inferred.error, 6),
         "residual_over_training": round(verdict.residual / verdict.median, 3),
         **{name: round(value, 4) for name, value in measured.items()},
-        "evaluations": surface.asked,
+        "evaluations": surface.evaluations,
         "vertices": len(surface.mesh.vertices),
         "faces": len(surface.mesh.faces),
         "components": surface.components,

@@ -49,7 +49,7 @@ INDEX = Layout(
         Column("closed", pa.bool_(), "no hole, one orientation; false if there is no face"),
         Column("components", pa.int32(), "pieces that hang together"),
         Column("clipped", pa.float64(), "share of the vertices where the cage cut off what the network wanted"),
-        Column("asked", pa.int64(), "points given to the network"),
+        Column("evaluations", pa.int64(), "points given to the network"),
         Column("rooted", pa.bool_(), "its cuboids hang together down to the ground; false without cuboids"),
         Column("stable", pa.bool_(), "and don't fall over (static_stability.py); false without cuboids"),
     ),
@@ -90,7 +90,7 @@ class GeneratedShape:
     mesh: Mesh  # canonical; closed, or without faces
     components: int  # connected components
     clipped: float  # share of the vertices where the cage cut the network's surface off
-    asked: int  # points at which the network was evaluated
+    evaluations: int  # points at which the network was evaluated
     rooted: bool  # as `static_stability` has it; False without cuboids
     stable: bool
     points: Float32[ndarray, "n 3"]  # on the surface, canonical; none where there is no surface
@@ -115,7 +115,7 @@ class GeneratedShape:
             "closed": is_closed(self.mesh),
             "components": self.components,
             "clipped": self.clipped,
-            "asked": self.asked,
+            "evaluations": self.evaluations,
             "rooted": self.rooted,
             "stable": self.stable,
         }

@@ -32,7 +32,7 @@ INDEX = Layout(
         Column("faces", pa.int32(), "number of faces; 0: the network says outside everywhere"),
         Column("closed", pa.bool_(), "no hole, one orientation; false if there is no face"),
         Column("clipped", pa.float64(), "share of the vertices where the cage cut off what the network wanted"),
-        Column("asked", pa.int64(), "points given to the network"),
+        Column("evaluations", pa.int64(), "points given to the network"),
         Column("components", pa.int32(), "pieces that hang together"),
         Column("dropped", pa.int32(), "further pieces that were left out"),
         Column("overshoot", pa.float64(), "how far the surface leaves the cuboids, in cells"),
@@ -59,7 +59,7 @@ class Surface:
     held_out: bool  # the step was kept from training
     mesh: Mesh  # canonical; closed, or without faces
     clipped: float  # share of the vertices where the cage cut the network's surface off
-    asked: int  # points at which the network was evaluated
+    evaluations: int  # points at which the network was evaluated
     similarity: Similarity  # raw → canonical
     components: int = 1  # connected components
     dropped: int = 0  # further components that were left out
@@ -95,7 +95,7 @@ def write_surfaces(folder: Path, surfaces: Iterable[Surface]) -> None:
                 "faces": len(surface.mesh.faces),
                 "closed": closed,
                 "clipped": surface.clipped,
-                "asked": surface.asked,
+                "evaluations": surface.evaluations,
                 "components": surface.components,
                 "dropped": surface.dropped,
                 "overshoot": surface.overshoot,
@@ -132,7 +132,7 @@ class SurfaceFolder:
             row["held_out"],
             mesh,
             row["clipped"],
-            row["asked"],
+            row["evaluations"],
             similarity,
             row["components"],
             row["dropped"],

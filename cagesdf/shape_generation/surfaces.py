@@ -247,7 +247,7 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         mesh,
         surface.components,
         surface.clipped,
-        surface.asked,
+        surface.evaluations,
         standing_on,
         standing_on and how.stable(cage),
         points.astype(np.float32),

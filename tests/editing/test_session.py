@@ -44,14 +44,14 @@ EDITS: tuple[Operation, ...] = (
 
 def test_edits_one_by_one_give_the_bytes_of_the_whole_script_at_once(session: Session, tmp_path: Path) -> None:
     history, live = History.of(session.opened("a")), session.live(32)
-    asked = []
+    evaluations = []
     for operation in EDITS:
         history = apply(history, operation, session.styles)
         found = live.surface(history.present)
-        asked.append(found.asked)
+        evaluations.append(found.evaluations)
     state = edited(session.opened("a"), EDITS, session.styles).present
     at_once = session.live(32).surface(state)
-    assert max(asked[1], asked[3]) < at_once.asked
+    assert max(evaluations[1], evaluations[3]) < at_once.evaluations
     for name, each in (("live.glb", found), ("once.glb", at_once)):
         write_model(tmp_path / name, model_of(each, state))
     assert (tmp_path / "live.glb").read_bytes() == (tmp_path / "once.glb").read_bytes()

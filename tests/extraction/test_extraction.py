@@ -27,10 +27,10 @@ from cagesdf.extraction import (
     extract_surface,
     field_of,
 )
-from cagesdf.extraction.asking import ask_densely
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, drawn, march
 from cagesdf.extraction.merging import merged
+from cagesdf.extraction.values import dense_values
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh, face_areas, is_closed, signed_volume, topology
@@ -209,8 +209,8 @@ def test_vertices_lie_nearer_to_the_zero_set_than_between_lattice_points() -> No
 
     marched = marched_of(field, lattice)
     before = np.abs(sphere_sdf(lattice.points(marched.places), 0.31))
-    mesh, asked = drawn(marched, field_ask(field), lattice)
-    assert asked == len(mesh.vertices)
+    mesh, evaluations = drawn(marched, field_values(field), lattice)
+    assert evaluations == len(mesh.vertices)
     assert np.abs(sphere_sdf(mesh.vertices, 0.31)).mean() < before.mean() / 5
 
 
@@ -233,7 +233,7 @@ def test_faces_of_marching_cubes_on_a_cuboid_lie_on_it_exactly_and_have_an_area(
     lattice = Lattice.of(box([0.5, 0.25, 0.125], [0.5, 0.5, 0.75]), 0.04, 12)
     bump = Analytic(lambda p: sphere_sdf(p - [0.75, 0.5, 0.5], 0.31))
     field = field_of(bump, LATENT, Cage.of({"all": lattice.cuboid}))
-    mesh, _ = drawn(marched_of(field, lattice), field_ask(field), lattice)
+    mesh, _ = drawn(marched_of(field, lattice), field_values(field), lattice)
     assert_sound(mesh)
     assert face_areas(mesh).min() > 0
     on = [mesh.vertices[:, 0] == 0.75, mesh.vertices[:, 1] == 0.5, mesh.vertices[:, 2] == 0.5]
@@ -246,11 +246,11 @@ def test_faces_of_marching_cubes_on_a_cuboid_lie_on_it_exactly_and_have_an_area(
 
 
 def marched_of(field: CageField, lattice: Lattice) -> Marched:
-    return march(ask_densely(field.on_lattice(lattice, 0), field.reach(0), lattice).values, lattice)
+    return march(dense_values(field.on_lattice(lattice, 0), field.reach(0), lattice).values, lattice)
 
 
-def field_ask(field: CageField) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda points: field.ask(points, 0)
+def field_values(field: CageField) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda points: field.values(points, 0)
 
 
 def test_a_plate_thinner_than_a_cell_keeps_its_volume() -> None:
@@ -270,7 +270,7 @@ def test_a_network_that_says_outside_everywhere_gives_no_face() -> None:
 
 def test_a_cage_without_cuboids_gives_nothing() -> None:
     found = extract(CageField(Filling(), torch.zeros(0, 4), Cage.of({})), 32)
-    assert (len(found.mesh.faces), len(found.parts), found.asked) == (0, 0, 0)
+    assert (len(found.mesh.faces), len(found.parts), found.evaluations) == (0, 0, 0)
 
 
 def test_a_diverged_network_is_refused() -> None:
@@ -355,7 +355,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     if len(marched.faces):
         fewer = merged(marched, lattice, USUAL.sag)
         for surface in (marched, fewer):
-            mesh, _ = drawn(surface, field_ask(field), lattice)
+            mesh, _ = drawn(surface, field_values(field), lattice)
             assert_sound(mesh)
             assert face_areas(mesh).min() > 0
         assert topology(mesh) == topology(Mesh(marched.places, marched.faces))
@@ -369,7 +369,7 @@ def test_asking_sparsely_gives_the_surface_of_asking_everywhere(seed: int) -> No
     field = field_of(waves(seed, slope), LATENT, random_cage(seed, 2))
     sparse, dense = (extract(field, 40, METHODS[name]) for name in ("sparse", "dense"))
     assert_same(sparse.mesh, dense.mesh)
-    assert sparse.asked <= dense.asked
+    assert sparse.evaluations <= dense.evaluations
 
 
 @given(seed=st.integers(0, 10**6))
@@ -379,21 +379,21 @@ def test_the_value_of_a_point_does_not_depend_on_the_points_beside_it(seed: int)
     rng = np.random.default_rng(seed)
     field = field_of(network(), LATENT, touching())
     points = rng.uniform(-0.5, 0.5, (2500, 3))
-    whole = field.ask(points, 1)
+    whole = field.values(points, 1)
     some = rng.permutation(2500)[: rng.integers(1, 2500)]
-    np.testing.assert_array_equal(field.ask(points[some], 1), whole[some])
+    np.testing.assert_array_equal(field.values(points[some], 1), whole[some])
 
 
 @pytest.mark.parametrize("name", sorted(DECODERS))
 def test_the_nodes_of_a_lattice_have_the_values_of_their_points(name: str) -> None:
-    """For every decoder, in a cuboid of three lengths; and bit for bit whatever nodes are asked with them."""
+    """For every decoder, in a cuboid of three lengths; and bit for bit whatever nodes are evaluated with them."""
     decoder = make_decoder(name, **SIZES, seed=0).requires_grad_(False)
     cuboid = box([0.1, -0.2, 0.05], [0.4, 0.9, 0.15], rotation(3))
     field = field_of(decoder, torch.linspace(-1, 1, SIZES["latent_dim"]), Cage.of({"a": cuboid}))
     field.reach = lambda cuboid: 100.0  # type: ignore[method-assign]
     lattice = Lattice.of(field.cage[field.cage.part_ids[0]], 0.05, 7)
     places = np.random.default_rng(0).permutation(np.argwhere(np.ones(lattice.shape)))
-    values = field.ask(lattice.points(places), 0)
+    values = field.values(lattice.points(places), 0)
     assert np.ptp(values) > 1e-3
     at_nodes = field.on_lattice(lattice, 0)
     whole = at_nodes(places)
@@ -413,15 +413,15 @@ def test_each_point_is_asked_with_its_own_cuboid_and_code() -> None:
             float(Linear()(torch.from_numpy(point[None, None]).float(), codes[i : i + 1], vectors[i : i + 1]))
             for point in points
         ]
-        np.testing.assert_allclose(field.ask(points, i), slow, atol=1e-6)
-        assert len(field.ask(points[:0], i)) == 0
+        np.testing.assert_allclose(field.values(points, i), slow, atol=1e-6)
+        assert len(field.values(points[:0], i)) == 0
 
 
 def test_values_end_at_the_decoders_reach() -> None:
     cage = Cage.of({"plate": box([0, 0, 0], [0.9, 0.01, 0.7])})
     far = np.array([[0.0, 0.0, 0.3]])
-    assert field_of(Analytic(lambda p: np.full(len(p), 7.0)), LATENT, cage).ask(far, 0) == np.float32(0.1)
-    assert field_of(Local(lambda p: np.full(len(p), -7.0)), LATENT, cage).ask(far, 0) == np.float32(-0.005)
+    assert field_of(Analytic(lambda p: np.full(len(p), 7.0)), LATENT, cage).values(far, 0) == np.float32(0.1)
+    assert field_of(Local(lambda p: np.full(len(p), -7.0)), LATENT, cage).values(far, 0) == np.float32(-0.005)
 
 
 def test_a_decoder_that_knows_no_cuboids_is_asked_in_the_cube() -> None:
@@ -455,7 +455,7 @@ def test_each_part_is_what_its_own_cuboid_holds_and_the_whole_is_their_union() -
 
 @pytest.mark.parametrize("method", METHODS)
 def test_an_edited_surface_is_that_of_starting_anew(method: str) -> None:
-    """Vertex by vertex, over moves, a new code and an edit taken back; and less is asked for it."""
+    """Vertex by vertex, over moves, a new code and an edit taken back; and fewer points are evaluated for it."""
     decoder, cage = network(), random_cage(5, 4)
     live = LiveSurface(40, METHODS[method])
     rng = np.random.default_rng(0)
@@ -471,10 +471,10 @@ def test_an_edited_surface_is_that_of_starting_anew(method: str) -> None:
         here, there = live.surface(field), extract(field, 40, METHODS[method])
         assert_same(here.mesh, there.mesh)
         assert (here.clipped, here.components) == (there.clipped, there.components)
-        first = first or there.asked
-        assert here.asked <= there.asked
+        first = first or there.evaluations
+        assert here.evaluations <= there.evaluations
         if edit in (1, 2):
-            assert here.asked < 0.8 * first
+            assert here.evaluations < 0.8 * first
 
 
 def test_finer_cells_come_nearer_to_a_ball_though_they_have_fewer_faces_for_their_number() -> None:
@@ -508,8 +508,8 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
         assert_same(once.mesh, anew.mesh)
         for part in cage.part_ids:
             assert_same(once.parts[part], anew.parts[part])
-        assert (once.asked > 0) == (edit == 5)
-        assert once.asked < anew.asked
+        assert (once.evaluations > 0) == (edit == 5)
+        assert once.evaluations < anew.evaluations
 
 
 def test_a_part_of_a_decoder_that_knows_places_is_asked_again_where_it_was_moved() -> None:
@@ -517,7 +517,7 @@ def test_a_part_of_a_decoder_that_knows_places_is_asked_again_where_it_was_moved
     live = LiveSurface(32)
     live.surface(field_of(network(), LATENT, cage))
     moved = replace(cage, centre=cage.centre + np.array([[0.1, 0, 0], [0, 0, 0]]))
-    assert live.surface(field_of(network(), LATENT, moved)).asked > 0
+    assert live.surface(field_of(network(), LATENT, moved)).evaluations > 0
 
 
 @pytest.mark.parametrize("name", sorted(name for name, kind in DECODERS.items() if kind.trains_on == "part"))
@@ -528,11 +528,11 @@ def test_values_of_decoders_of_parts_depend_on_the_place_in_the_cuboid_alone(nam
     cage = Cage.of({"a": box([0.1, -0.2, 0.05], [0.4, 0.9, 0.15], rotation(3))})
     field = CageField(decoder, torch.linspace(-1, 1, SIZES["code_dim"])[None], cage)
     unit = rng.uniform(-0.5, 0.5, (300, 3))
-    values = field.ask(cage.from_unit(unit, 0), 0)
+    values = field.values(cage.from_unit(unit, 0), 0)
     assert np.ptp(values) > 1e-3
     unplaced = field.unplaced()
     assert not unplaced.cage.centre.any()
-    np.testing.assert_allclose(unplaced.ask(unplaced.cage.from_unit(unit, 0), 0), values, atol=2e-5)
+    np.testing.assert_allclose(unplaced.values(unplaced.cage.from_unit(unit, 0), 0), values, atol=2e-5)
 
 
 def test_an_edit_leaves_other_parts_as_they_are_and_asks_one_alone() -> None:
@@ -547,7 +547,7 @@ def test_an_edit_leaves_other_parts_as_they_are_and_asks_one_alone() -> None:
     other = live.surface(CageField(field.decoder, torch.tensor([[0.3], [0.33]]), field.cage))
     assert other.parts["a"] is start.parts["a"]
     assert signed_volume(other.parts["b"]) < signed_volume(start.parts["b"])
-    assert 0 < other.asked < start.asked
+    assert 0 < other.evaluations < start.evaluations
 
 
 @given(seed=st.integers(0, 10**6))
@@ -570,9 +570,9 @@ def test_an_edit_taken_back_asks_nothing() -> None:
     live = LiveSurface(32)
     resized = replace(cage, size=cage.size + np.array([[0.1, 0, 0], [0, 0, 0]]))
     start = live.surface(field_of(Filling(), LATENT, cage))
-    assert live.surface(field_of(Filling(), LATENT, resized)).asked > 0
+    assert live.surface(field_of(Filling(), LATENT, resized)).evaluations > 0
     back = live.surface(field_of(Filling(), LATENT, cage))
-    assert back.asked == 0
+    assert back.evaluations == 0
     assert_same(back.mesh, start.mesh)
 
 
@@ -580,7 +580,7 @@ def test_equal_cuboids_with_equal_codes_are_asked_once() -> None:
     cage = Cage.of({name: box([0, 0, 0], [0.5] * 3) for name in "ab"})
     once = extract(CageField(PerCuboid(), torch.tensor([[0.2]]), Cage.of({"a": cage["a"]})), 32)
     twice = extract(CageField(PerCuboid(), torch.tensor([[0.2], [0.2]]), cage), 32)
-    assert twice.asked == once.asked
+    assert twice.evaluations == once.evaluations
     assert twice.parts["a"] is twice.parts["b"]
 
 
@@ -597,7 +597,7 @@ def test_the_order_in_which_parts_are_made_does_not_matter(decoder: Decoder) -> 
         for each in (pool.map, backwards):
             other = extract(field, 40, each=each)
             assert_same(other.mesh, alone.mesh)
-            assert other.asked == alone.asked
+            assert other.evaluations == alone.evaluations
 
 
 def stacked() -> Cage:

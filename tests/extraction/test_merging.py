@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cuboid
-from cagesdf.extraction.asking import ask_densely
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, march
 from cagesdf.extraction.merging import merged
 from cagesdf.extraction.part import USUAL
+from cagesdf.extraction.values import dense_values
 from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume, topology
 from tests.support.analytic import sphere_sdf
 
@@ -22,7 +22,7 @@ LATTICE = Lattice.of(Cuboid(np.zeros(3), np.eye(3), SIZE), 0.03, 8)
 
 def marched(sdf: Callable[[np.ndarray], np.ndarray]) -> Marched:
     return march(
-        ask_densely(lambda places: sdf(LATTICE.points(places)).astype(np.float32), 1.0, LATTICE).values, LATTICE
+        dense_values(lambda places: sdf(LATTICE.points(places)).astype(np.float32), 1.0, LATTICE).values, LATTICE
     )
 
 

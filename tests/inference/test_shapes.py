@@ -75,7 +75,7 @@ def test_the_field_of_a_part_is_the_network_with_its_residual() -> None:
     field = inference.fitted_field(trained(), found)
     for k, residual in enumerate(found.inferred.residual[:, 0].tolist()):
         radius = float(found.inferred.code[0]) + residual
-        assert field.ask(cage.centre[k : k + 1], k)[0] == pytest.approx(max(-radius, -0.1), abs=1e-5)
+        assert field.values(cage.centre[k : k + 1], k)[0] == pytest.approx(max(-radius, -0.1), abs=1e-5)
 
 
 @pytest.mark.parametrize("up", ["y", "z"])

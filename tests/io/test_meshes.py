@@ -77,7 +77,7 @@ def test_surfaces_come_back_with_all_that_is_known_of_them(tmp_path: Path) -> No
     for back in folder:
         row = folder.rows[back.shape_id, back.step]
         assert (row["vertices"], row["faces"]) == (len(back.mesh.vertices), len(back.mesh.faces))
-        assert (back.held_out, back.clipped, back.asked) == (back.step == 2, 0.25, 1234)
+        assert (back.held_out, back.clipped, back.evaluations) == (back.step == 2, 0.25, 1234)
         assert (back.components, back.dropped, back.overshoot) == (3, 2, 1e-5)
         assert back.similarity.to_numbers() == SIMILARITY.to_numbers()
     with pytest.raises(InputError, match="shape 'a', step 1"):

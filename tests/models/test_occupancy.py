@@ -103,7 +103,7 @@ def test_the_surface_of_two_parts_is_that_of_their_largest_logit(box: tuple[Occu
     logits, values = np.full((2, len(points)), -np.inf), np.full((2, len(points)), np.inf)
     for k, vector in enumerate(torch.from_numpy(cage.vectors()).float()):
         held = (np.abs(cage.to_unit(points, k)) < 0.5).all(axis=1)
-        values[k, held] = field.ask(points[held], k)
+        values[k, held] = field.values(points[held], k)
         of_part = torch.from_numpy(values[k, held]).float()[None]
         logits[k, held] = decoder.logit(of_part, vector[None])[0].numpy()
     inside = logits.max(axis=0) > 0

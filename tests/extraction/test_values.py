@@ -1,4 +1,4 @@
-"""Where the network is asked: little, only in its cuboid, and with the signs of asking everywhere."""
+"""Where the network is evaluated: at few points, only in its cuboid, and with the signs of evaluating everywhere."""
 
 from math import prod
 
@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
-from cagesdf.extraction.asking import (
+from cagesdf.extraction.lattice import Lattice
+from cagesdf.extraction.values import (
     BEND,
     INNER,
     LIPSCHITZ,
     WEAK,
-    ask_densely,
-    ask_sparsely,
+    dense_values,
     ends,
     first_strides,
     halvings,
     settled,
+    sparse_values,
 )
-from cagesdf.extraction.lattice import Lattice
 
 REACH = 0.1
 
@@ -34,12 +34,12 @@ def cones(rng: np.random.Generator, lattice: Lattice, slope: float):
     """The least of many cones, and of plates thinner than any cell: as steep as can be, with kinks everywhere."""
     tips, heights = rng.uniform(-0.6, 0.6, (12, 3)), rng.uniform(-0.15, 0.02, 12)
 
-    def ask(places: np.ndarray) -> np.ndarray:
+    def evaluate(places: np.ndarray) -> np.ndarray:
         points = lattice.points(places)
         away = np.linalg.norm(points[:, None] - tips, axis=2) + heights
         return (slope * away.min(axis=1)).clip(-REACH, REACH).astype(np.float32)
 
-    return ask
+    return evaluate
 
 
 @given(size=st.tuples(*[st.integers(1, 21)] * 3), strides=st.tuples(*[st.sampled_from([1, 2, 8])] * 3))
@@ -111,13 +111,13 @@ def test_fields_no_steeper_than_the_margin_are_never_misjudged_above_the_finest_
     """Every point settled at a distance of more than a cell has the sign that asking gives."""
     rng = np.random.default_rng(seed)
     lattice = Lattice.of(cuboid(rng), 0.02, 12)
-    ask = cones(rng, lattice, share * LIPSCHITZ)
-    sparse, dense = (method(ask, REACH, lattice) for method in (ask_sparsely, ask_densely))
+    evaluate = cones(rng, lattice, share * LIPSCHITZ)
+    sparse, dense = (method(evaluate, REACH, lattice) for method in (sparse_values, dense_values))
     wrong = (sparse.values < 0) != (dense.values < 0)
     # The finest step settles from two sides: it may overlook a tip within a cell, and nothing larger.
-    assert wrong.sum() <= 0.001 * dense.asked
+    assert wrong.sum() <= 0.001 * dense.evaluations
     assert np.abs(dense.values[wrong]).max(initial=0) < LIPSCHITZ * lattice.steps.max()
-    assert sparse.asked <= dense.asked == prod(lattice.shape)
+    assert sparse.evaluations <= dense.evaluations == prod(lattice.shape)
     at_surface = ends(sparse.values < 0)[INNER]
     np.testing.assert_array_equal(sparse.values[INNER][at_surface], dense.values[INNER][at_surface])
 
@@ -128,15 +128,15 @@ def test_the_network_is_asked_only_in_the_cuboid_and_once_a_point() -> None:
     lattice = Lattice.of(item, 0.011, 12)
     cone = cones(rng, lattice, 1.0)
 
-    def ask(places: np.ndarray) -> np.ndarray:
+    def evaluate(places: np.ndarray) -> np.ndarray:
         seen.append(lattice.points(places))
         return cone(places)
 
-    answers = ask_sparsely(ask, REACH, lattice)
+    sampled = sparse_values(evaluate, REACH, lattice)
     points = np.concatenate(seen)
     assert Cage.of({"a": item}).signed_distance(points).max() < 1e-12
-    assert answers.asked == len(points) == len(np.unique(points, axis=0))
-    assert answers.asked < prod(lattice.shape) / 2
+    assert sampled.evaluations == len(points) == len(np.unique(points, axis=0))
+    assert sampled.evaluations < prod(lattice.shape) / 2
 
 
 def test_the_first_points_are_as_far_apart_along_each_axis_as_a_value_can_settle() -> None:

@@ -1,4 +1,4 @@
-"""Choice of the points of a cuboid's lattice at which the network is evaluated."""
+"""Values of a network on a cuboid's lattice, evaluated everywhere or only where the surface can be."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,51 +27,51 @@ AT_ONCE = 6_000  # a lattice of no more points is evaluated everywhere, which ta
 INNER = (slice(1, -1),) * 3  # the lattice in arrays that have a layer more around it
 POSITIVE = np.float32(1)  # value beyond the faces
 
-Ask = Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]  # of points of a lattice, by their indices
+Evaluate = Callable[[Int[ndarray, "n 3"]], Float32[ndarray, " n"]]  # of points of a lattice, by their indices
 Triple = tuple[int, ...]  # a number for each axis
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
+class LatticeValues:
     """Values on a lattice, with a layer of points around it that are outside."""
 
     values: Float32[
         ndarray, "r s t"
-    ]  # as `answered` at both ends of edges with two signs, elsewhere with the right sign
-    asked: int  # points given to the network
+    ]  # as `values_at` at both ends of edges with two signs, elsewhere with the right sign
+    evaluations: int  # points given to the network
 
 
-Method = Callable[[Ask, float, Lattice], Answers]
+Method = Callable[[Evaluate, float, Lattice], LatticeValues]
 
 
-def ask_densely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
+def dense_values(evaluate: Evaluate, reach: float, lattice: Lattice) -> LatticeValues:
     """Evaluate the network at every point."""
     values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
     places = np.argwhere(np.ones(lattice.shape, bool))
-    values[INNER] = answered(ask, lattice, places).reshape(lattice.shape)
-    return Answers(values, len(places))
+    values[INNER] = values_at(evaluate, lattice, places).reshape(lattice.shape)
+    return LatticeValues(values, len(places))
 
 
-def answered(ask: Ask, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
+def values_at(evaluate: Evaluate, lattice: Lattice, places: Int[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
     """The network's values at points of the lattice, on the cuboid's faces less FILLED."""
     on_face = np.zeros(len(places), bool)
     for column, cells in zip(places.T, lattice.cells):
         on_face |= (column == 0) | (column == cells)
-    return ask(places) - np.float32(FILLED * lattice.steps.min()) * on_face
+    return evaluate(places) - np.float32(FILLED * lattice.steps.min()) * on_face
 
 
-def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
+def sparse_values(evaluate: Evaluate, reach: float, lattice: Lattice) -> LatticeValues:
     """Evaluate the points that may lie next to the network's surface, coarse to fine; values are at most `reach`.
 
     The lattice is halved again and again, along each axis so often that its coarsest steps are about as long as what a
-    value can settle. A point of it is asked unless an earlier one has settled it: a value v says that the surface is no
-    nearer than |v| / LIPSCHITZ. The last halving, most of the points, also concludes from both sides. So for a field
-    that is no steeper, only tips and sheets thinner than a cell are overlooked, which asking everywhere finds by
-    chance. Wherever the surface is met, it is followed to its end, however steep the network, and no value at
+    value can settle. A point of it is evaluated unless an earlier one has settled it: a value v says that the surface
+    is no nearer than |v| / LIPSCHITZ. The last halving, most of the points, also concludes from both sides. So for a
+    field that is no steeper, only tips and sheets thinner than a cell are overlooked, which evaluating everywhere finds
+    by chance. Wherever the surface is met, it is followed to its end, however steep the network, and no value at
     the surface is ever a guess.
     """
     values = np.full(tuple(n + 2 for n in lattice.shape), POSITIVE)
-    known = np.ones(values.shape, bool)  # asked, or beyond the faces
+    known = np.ones(values.shape, bool)  # evaluated, or beyond the faces
     bound = values[INNER]
     bound[:] = 0  # at most the value's size, with its sign; 0: nothing is known
     known[INNER] = False
@@ -84,17 +84,17 @@ def ask_sparsely(ask: Ask, reach: float, lattice: Lattice) -> Answers:
             unsettled.append(np.array([i * stride + k for i, stride, k in zip(indices, strides, first)]))
         places = np.concatenate(unsettled, axis=1)
         flat = np.ravel_multi_index(tuple(places + 1), values.shape)
-        values.reshape(-1)[flat] = answered(ask, lattice, places.T)
+        values.reshape(-1)[flat] = values_at(evaluate, lattice, places.T)
         known.reshape(-1)[flat] = True
-    follow(ask, lattice, values, known)
-    return Answers(values, int(np.count_nonzero(known[INNER])))
+    follow(evaluate, lattice, values, known)
+    return LatticeValues(values, int(np.count_nonzero(known[INNER])))
 
 
-METHODS: dict[str, Method] = {"sparse": ask_sparsely, "dense": ask_densely}
+METHODS: dict[str, Method] = {"sparse": sparse_values, "dense": dense_values}
 
 
 def first_strides(lattice: Lattice, reach: float) -> Triple:
-    """Cells along each axis between the points asked first: no value says more than `reach`, however far it is."""
+    """Cells along each axis between the points evaluated first: no value says more than `reach`, however far it is."""
     if prod(lattice.shape) <= AT_ONCE:
         return (1, 1, 1)
     strides = []
@@ -154,24 +154,26 @@ def _every(array: Shaped[ndarray, "r s t"], strides: Triple, first: Triple) -> S
     return array[tuple(map(slice, first, array.shape, strides))]
 
 
-def follow(ask: Ask, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]) -> None:
+def follow(
+    evaluate: Evaluate, lattice: Lattice, values: Float32[ndarray, "r s t"], known: Bool[ndarray, "r s t"]
+) -> None:
     """Evaluate both ends of all edges with two signs, and go on from ends whose sign was concluded wrongly.
 
     The arrays have a layer of known points around the lattice, and are completed.
     """
-    flat, asked, negative = values.reshape(-1), known.reshape(-1), values < 0
+    flat, evaluated, negative = values.reshape(-1), known.reshape(-1), values < 0
     pending = np.flatnonzero(ends(negative) & ~known)
     signs = negative.reshape(-1)
     _, s, t = values.shape
     around = np.array([s * t, -s * t, t, -t, 1, -1])
     while len(pending):
         places = np.array(np.unravel_index(pending, values.shape)).T - 1
-        flat[pending] = answered(ask, lattice, places)
-        asked[pending] = True
+        flat[pending] = values_at(evaluate, lattice, places)
+        evaluated[pending] = True
         changed = pending[signs[pending] != (flat[pending] < 0)]
         signs[changed] ^= True
         beside = changed[:, None] + around
-        pending = np.unique(beside[(signs[beside] != signs[changed][:, None]) & ~asked[beside]])
+        pending = np.unique(beside[(signs[beside] != signs[changed][:, None]) & ~evaluated[beside]])
 
 
 def ends(negative: Bool[ndarray, "r s t"]) -> Bool[ndarray, "r s t"]:
