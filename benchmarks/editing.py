@@ -98,12 +98,12 @@ def main(runs: list[Path], threads: int, edits: int, seed: int) -> None:
         times: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
         for session, shape_id, operations in todo:
             history = History.of(session.opened(shape_id))
-            live = session.live(resolution, each=pool.map, fineness=fineness)
-            live.surface(history.present)
+            live = session.live(resolution, fineness=fineness)
+            live.surface(history.present, pool.map)
             for operation in operations:
                 wall, begun = time.perf_counter(), time.process_time()
                 history = apply(history, operation, session.styles)
-                surface = live.surface(history.present)
+                surface = live.surface(history.present, pool.map)
                 took = time.perf_counter() - wall, time.process_time() - begun, surface.evaluations
                 assert is_closed(surface.mesh), (shape_id, operation)
                 times[operation.op].append(took)

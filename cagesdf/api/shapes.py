@@ -149,7 +149,7 @@ class EditableShape(ModelledShape):
     def __init__(self, session: Session, shape_id: str, state: State) -> None:
         self._session = session
         self._document = Document.opened(shape_id, state)
-        self._live: dict[tuple[int, str, str, str, Each], Live] = {}
+        self._live: dict[tuple[int, str, str, str], Live] = {}
 
     @property
     def shape_id(self) -> str:
@@ -206,10 +206,10 @@ class EditableShape(ModelledShape):
         cuboids are evaluated side by side; the surface is the same.
         """
         check_resolution(resolution)
-        choices = resolution, method, loose, symmetry, each
+        choices = resolution, method, loose, symmetry
         if choices not in self._live:
             self._live[choices] = self._session.live(*choices)
-        return self._live[choices].surface(self.state)
+        return self._live[choices].surface(self.state, each)
 
     def edit(self, script: str | Script) -> "EditableShape":
         """Do all operations of a script, as JSON or read already, or none if one of them can't be done."""

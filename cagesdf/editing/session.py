@@ -82,28 +82,25 @@ class Session:
         method: str = "sparse",
         loose: str = "keep",
         symmetry: str = "none",
-        each: Each = map,
         fineness: Fineness = USUAL,
     ) -> "Live":
-        """A source of the surfaces of one state after another; the choices are extraction's, by name.
-
-        With `each` a pool's `map`, cuboids are asked side by side.
-        """
-        return Live(
-            LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], each, fineness), self.run
-        )
+        """A source of the surfaces of one state after another; the choices are extraction's, by name."""
+        return Live(LiveSurface(resolution, METHODS[method], LOOSE[loose], SYMMETRIES[symmetry], fineness), self.run)
 
 
 class Live:
-    """Surfaces of states, of which only what has changed since the last ones is asked for."""
+    """Surfaces of states, of which only what has changed since the last ones is evaluated."""
 
     def __init__(self, live: LiveSurface, run: Run) -> None:
         self._live = live
         self._run = run
 
-    def surface(self, state: State) -> Extraction:
-        """The surface of a state, canonical: closed, outward and within its cuboids, or without faces."""
-        return self._live.surface(state_field(self._run, state))
+    def surface(self, state: State, each: Each = map) -> Extraction:
+        """The surface of a state, canonical: closed, outward and within its cuboids, or without faces.
+
+        With `each` a pool's `map`, cuboids are evaluated side by side; the surface is the same.
+        """
+        return self._live.surface(state_field(self._run, state), each)
 
 
 def state_field(run: Run, state: State) -> CageField:

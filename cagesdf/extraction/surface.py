@@ -57,7 +57,7 @@ def extract(
     finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is promised (see
     `check`).
     """
-    return LiveSurface(resolution, method, loose, symmetry, each, fineness).surface(field)
+    return LiveSurface(resolution, method, loose, symmetry, fineness).surface(field, each)
 
 
 def extract_surface(field: CageField, resolution: int) -> Mesh:
@@ -80,7 +80,6 @@ class LiveSurface:
         method: Method = sparse_values,
         loose: Loose = keep_loose,
         symmetry: Symmetry = symmetric_none,
-        each: Each = map,
         fineness: Fineness = USUAL,
     ) -> None:
         """Options are those of `extract`."""
@@ -88,13 +87,12 @@ class LiveSurface:
         self.method = method
         self.loose = loose
         self.symmetry = symmetry
-        self.each = each
         self.fineness = fineness
         self._last: dict[bytes, Part] = {}  # by the keys of the field and of the unplaced field
         self._before: dict[bytes, Part] = {}
         self._unions: dict[tuple[bytes, ...], Manifold] = {}  # by the keys of their parts, of the last surface
 
-    def surface(self, field: CageField) -> Extraction:
+    def surface(self, field: CageField, each: Each = map) -> Extraction:
         """The extraction of `extract` for this field; `evaluations` counts only the points that were evaluated now.
 
         All fields that are given are of one decoder, which does not change.
@@ -105,7 +103,7 @@ class LiveSurface:
         # The largest first, so that no thread is left alone with it.
         order = sorted(range(len(keys)), key=lambda k: -field.cage.size[k].prod())
         unknown = {unplaced_keys[k]: k for k in order if unplaced_keys[k] not in known}
-        made = self.each(lambda k: part_of(unplaced, k, self.cell, self.fineness, self.method), unknown.values())
+        made = each(lambda k: part_of(unplaced, k, self.cell, self.fineness, self.method), unknown.values())
         new = dict(zip(unknown, made))
         known |= new
         for key, unplaced_key, part_id in zip(keys, unplaced_keys, field.cage.part_ids):

@@ -10,7 +10,7 @@ from cagesdf.editing.script import Style
 from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
-from cagesdf.extraction import PREVIEW
+from cagesdf.extraction import PREVIEW, Each
 from cagesdf.shape_generation.surfaces import CodeSource
 from cagesdf.viewing.jobs import Progress
 from cagesdf.viewing.worker import COARSE
@@ -23,7 +23,7 @@ def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], 
 
     Otherwise the one that is torn least. Draws that raise InputError are left out; if all do, InputError is raised.
     """
-    live = session.live(COARSE, each=progress.each("surface of the draw"), fineness=PREVIEW)
+    live, each = session.live(COARSE, fineness=PREVIEW), progress.each("surface of the draw")
     best, least, reasons = None, np.inf, []
     for number, (_, draw) in enumerate(zip(range(TRIES), drawn)):
         progress(f"draw {number + 1} of at most {TRIES}", number / TRIES)
@@ -32,7 +32,7 @@ def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], 
         except InputError as error:
             reasons.append(str(error))
             continue
-        torn = tears(session, document.state, live)
+        torn = tears(document.state, live, each)
         if torn < least:
             best, least = document, torn
         if not torn:
@@ -42,9 +42,9 @@ def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], 
     return best
 
 
-def tears(session: Session, state: State, live: Live) -> int:
+def tears(state: State, live: Live, each: Each) -> int:
     """Number of parts that are torn or missing, plus components of the surface beyond those of the cuboids."""
-    health = Health.of(live.surface(state), state, COARSE, PREVIEW)
+    health = Health.of(live.surface(state, each), state, COARSE, PREVIEW)
     return len(health.torn) + max(health.components - health.expected, 0)
 
 

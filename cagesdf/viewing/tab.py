@@ -821,8 +821,8 @@ class Tab:
             if made is not None and made.state is state and made.cells == FINE:
                 extraction = made.extraction
             else:
-                live = self._opened.session.live(FINE, each=progress.each("fine surface"))
-                extraction = live.surface(state)
+                live = self._opened.session.live(FINE)
+                extraction = live.surface(state, progress.each("fine surface"))
             progress("writing", 0.9)
             content = content_of(extraction, state, ending)
             return lambda: self._download(name, content)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
-from cagesdf.extraction import PREVIEW, Extraction, Part
+from cagesdf.extraction import PREVIEW, Each, Extraction, Part
 from cagesdf.viewing.refusals import saying
 
 COARSE = 64  # cells
@@ -53,8 +53,8 @@ class Worker:
         self._tell = tell
         self._pool = pool
         self._show, self._fail = show, fail
-        self._coarse = session.live(COARSE, each=pool.map, fineness=PREVIEW)
-        self._fine = session.live(FINE, each=self._unless_overtaken)
+        self._coarse = session.live(COARSE, fineness=PREVIEW)
+        self._fine = session.live(FINE)
         self._changed = threading.Condition()
         self._wanted: State | None = None
         self._number = 0  # the newest state's
@@ -87,10 +87,10 @@ class Worker:
     def _run(self) -> None:
         while (state := self._next()) is not None:
             with saying(self._fail), suppress(Overtaken):
-                self._make(self._coarse, COARSE, state)
+                self._make(self._coarse, COARSE, state, self._pool.map)
                 if self._rested():
                     try:
-                        self._make(self._fine, FINE, state)
+                        self._make(self._fine, FINE, state, self._unless_overtaken)
                     finally:
                         self._tell(None)
 
@@ -108,9 +108,9 @@ class Worker:
         with self._changed:
             return not self._changed.wait_for(lambda: self._number != self._working, timeout=REST)
 
-    def _make(self, live: Live, cells: int, state: State) -> None:
+    def _make(self, live: Live, cells: int, state: State, each: Each) -> None:
         start = time.perf_counter()
-        extraction = live.surface(state)
+        extraction = live.surface(state, each)
         self._show(Made(state, extraction, cells, time.perf_counter() - start))
 
     def _unless_overtaken(self, work: Callable[[int], Part], cuboids: Iterable[int]) -> Iterator[Part]:

@@ -103,6 +103,14 @@ def test_undo_restores_the_bytes_and_redo_those_after(run: cagesdf.TrainedRun, t
     assert before == undone != after == redone
 
 
+def test_parts_are_evaluated_once_whatever_evaluates_them(run: cagesdf.TrainedRun) -> None:
+    shape = run.open(run.shapes[0])
+    first, again = (shape.extract(24, each=lambda part_of, cuboids: [*map(part_of, cuboids)]) for _ in range(2))
+    assert first.evaluations > 0
+    assert again.evaluations == 0
+    assert again.mesh.vertices.tobytes() == first.mesh.vertices.tobytes()
+
+
 def test_the_mesh_and_every_part_are_closed_and_lie_where_the_file_has_them(
     run: cagesdf.TrainedRun, tmp_path: Path
 ) -> None:

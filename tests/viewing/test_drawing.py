@@ -23,7 +23,7 @@ PATIENCE = 60.0  # seconds: only what is broken takes them
 @pytest.fixture
 def tearing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A state tears as often as the first number of its latent says."""
-    monkeypatch.setattr(drawing, "tears", lambda session, state, live: int(state.latent[0]))
+    monkeypatch.setattr(drawing, "tears", lambda state, live, each: int(state.latent[0]))
 
 
 def draws(session: Session, *tears: int) -> tuple[list[Document], Iterator[Callable[[], Document]]]:
