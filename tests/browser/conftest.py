@@ -8,13 +8,14 @@ Screenshots are kept in CAGESDF_SCREENSHOTS, or in pytest's temporary folder.
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from playwright.sync_api import Browser, ViewportSize, sync_playwright
 
-from cagesdf.api.sources import imported
+from cagesdf.api.sources import IMPORT
 from cagesdf.demo import DEMO
 from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
@@ -47,7 +48,9 @@ def editor() -> Iterator[Editor]:
     """The demo, at an address of its own."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
+    usual = usual_settings()
+    quick = replace(usual, inference=replace(usual.inference, tried=4, starts=1, code_steps=20, residual_steps=60))
+    demo = opened(DEMO / "run", None, DEMO / "programs", None, IMPORT, quick)
     with serving({"demo": demo, "again": demo}, "127.0.0.1", 0, 2) as running:
         yield running
     torch.set_num_threads(threads)
