@@ -1,8 +1,8 @@
 """Plain names for the parts of new programs, whose cuboids have numbers alone.
 
-A part is called as the training part that it is most like in place and size, relative to the whole; where the training
-parts have no labels, by its group and its place in it. Parts that mirror or repeat each other share a label, so that
-`part_names` numbers them.
+A part is called as the training part that it is most like in place and size, relative to the whole, in the few shapes
+that are most like all of it; where the training parts have no labels, by its group and its place in it. Parts that
+mirror or repeat each other share a label, so that `part_names` numbers them.
 """
 
 from collections import Counter
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
@@ -20,6 +20,7 @@ from cagesdf.frames import Similarity
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.base import Structure
 
+FEW = 5  # shapes whose labels a new one gets
 WITHIN = " / "  # between a group and a part of it
 
 
@@ -29,18 +30,21 @@ class KnownParts:
 
     boxes: Float[ndarray, "n 6"]  # see `relative_boxes`
     labels: tuple[str, ...]
+    owners: Int[ndarray, " n"]  # number of the shape that each is of, from 0 on
 
     @staticmethod
     def of(states: Iterable[State]) -> "KnownParts":
         """The labelled parts of some shapes."""
         boxes: list[ndarray] = []
         words: list[str] = []
-        for state in states:
+        owners: list[int] = []
+        for number, state in enumerate(states):
             labels = state.structure.labels()
             named = [bool(labels[part]) for part in state.cage.part_ids]
             boxes.append(relative_boxes(state.cage)[named])
             words += [labels[part] for part in state.cage.part_ids if labels[part]]
-        return KnownParts(np.concatenate([np.zeros((0, 6)), *boxes]), tuple(words))
+            owners += [number] * sum(named)
+        return KnownParts(np.concatenate([np.zeros((0, 6)), *boxes]), tuple(words), np.array(owners, int))
 
     def labelled(self, structure: Structure, cage: Cage) -> Structure:
         """A structure around a cage, canonical, with a label for each part; one that has any, or no program, stays."""
@@ -59,6 +63,9 @@ class KnownParts:
     def _nearest(self, cage: Cage) -> dict[str, tuple[float, str]]:
         """By part, the distance of the nearest training part, and its label."""
         apart = np.linalg.norm(relative_boxes(cage)[:, None] - self.boxes, axis=2)
+        shapes = np.unique(self.owners)
+        misfits = np.array([apart[:, self.owners == shape].min(axis=1).mean() for shape in shapes])
+        apart[:, ~np.isin(self.owners, shapes[np.argsort(misfits, kind="stable")[:FEW]])] = np.inf
         nearest = apart.argmin(axis=1)
         distances = apart.min(axis=1).tolist()
         return {part: (distances[i], self.labels[nearest[i]]) for i, part in enumerate(cage.part_ids)}

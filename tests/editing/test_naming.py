@@ -16,7 +16,7 @@ from cagesdf.io.runs import read_run
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.stored import read_structure
 
-NOTHING = KnownParts(np.zeros((0, 6)), ())
+NOTHING = KnownParts.of(())
 
 
 @pytest.fixture(scope="module")
