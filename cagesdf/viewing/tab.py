@@ -551,6 +551,7 @@ class Tab:
 
     def _surprise(self, temperature: float) -> None:
         """A new style, drawn until the surface holds."""
+        self._check_fitted()
         document, rng, styles = self._document, self._rng.spawn(1)[0], self._opened.session.styles
 
         def work(progress: Progress) -> Callable[[], None]:
