@@ -9,6 +9,7 @@ three new shapes (editor_new.png).
 import argparse
 import io
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -65,8 +66,16 @@ def mixed(page: EditorPage) -> None:
     for axis, place in enumerate(2 * centres[first] - centres[second]):
         before = page.settled()
         page.set_number(CENTRE, axis, round(float(place), 3))
-        page.until(lambda axis=axis, place=place: abs(page.numbers(CENTRE)[axis] - place) < 2e-3, "the copy above")
+        page.until(partial(_stands, page, axis, place), "the copy above")
     page.settled()
+
+
+def _stands(page: EditorPage, axis: int, place: float) -> bool:
+    return bool(abs(page.numbers(CENTRE)[axis] - place) < 2e-3)
+
+
+def _open(page: EditorPage, name: str) -> bool:
+    return page.value("Shape") == name
 
 
 def main() -> None:
@@ -89,7 +98,7 @@ def main() -> None:
             for name in NEW:
                 before = page.settled()
                 page.press("New shape")
-                page.until(lambda name=name: page.value("Shape") == name, name)
+                page.until(partial(_open, page, name), name)
                 page.settled(before)
             page.until(lambda: all(page.drawn_tile(name) for name in NEW), "pictures of the new shapes")
             save(page, arguments.out / "editor_new.png")
