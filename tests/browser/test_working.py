@@ -163,6 +163,7 @@ def test_made_shapes_have_names_and_stand_in_the_list_newest_first(page: EditorP
     page.control("Shape").first.click()
     options = [option.strip() for option in page.page.get_by_role("option").all_inner_texts()]
     assert options[:3] == ["other", "My stool", first]
+    assert {"chair_0001", "table_0000", "vase_0000"} <= {*options}
     page.page.keyboard.press("Escape")
     page.tab("New")
     page.until(lambda: page.drawn_tile("My stool") and page.drawn_tile("other"), "pictures of both")
