@@ -20,16 +20,12 @@ from cagesdf.demo import DEMO
 from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
-from tests.support.chromium import FLAGS, chromium
+from tests.support.chromium import FLAGS, SELDOM, chromium
 from tests.support.page import PATIENCE, EditorPage
 
 WIDE = ViewportSize(width=1280, height=800)
 NARROW = ViewportSize(width=860, height=800)  # both panels, and little of the view, which software draws slowly
 OFTEN = "void 0"  # the page draws as often as it can
-# Software draws a frame in a good part of a second: at most two a second leave the cores to everything else.
-SELDOM = """const draw = requestAnimationFrame.bind(window), drop = clearTimeout.bind(window);
-window.requestAnimationFrame = frame => setTimeout(() => draw(frame), 500);
-window.cancelAnimationFrame = drop;"""
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,8 @@ from cagesdf.io.runs import read_run
 from cagesdf.viewing.keys import KEYS
 from cagesdf.viewing.scene import LOOKS
 from cagesdf.viewing.server import Editor
-from tests.browser.conftest import NARROW, SELDOM, visiting
+from tests.browser.conftest import NARROW, visiting
+from tests.support.chromium import SELDOM
 from tests.support.page import CENTRE, EditorPage
 
 pytestmark = pytest.mark.slow
