@@ -16,7 +16,7 @@ import torch
 from PIL import Image
 from playwright.sync_api import FloatRect, sync_playwright
 
-from cagesdf.api.sources import imported
+from cagesdf.api.sources import IMPORT
 from cagesdf.cuboid import Cuboid
 from cagesdf.demo import DEMO
 from cagesdf.editing.parts import part_names
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--label", default="back_surface", help="of the part that is dragged")
     arguments = parser.parse_args()
     torch.set_num_threads(2)
-    run = opened(DEMO / "run", None, None, None, imported, usual_settings())
+    run = opened(DEMO / "run", None, None, None, IMPORT, usual_settings())
     shape = arguments.shape or run.first
     state = run.session.opened(shape)
     names = part_names(state.structure)

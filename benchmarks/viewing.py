@@ -23,7 +23,7 @@ import torch
 import trimesh
 from playwright.sync_api import sync_playwright
 
-from cagesdf.api.sources import imported
+from cagesdf.api.sources import IMPORT
 from cagesdf.cuboid import Cage
 from cagesdf.demo import DEMO
 from cagesdf.editing.parts import part_names
@@ -207,7 +207,7 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     programs = DEMO / "programs" if arguments.run == DEMO / "run" else None
-    run = opened(arguments.run, None, programs, None, imported, usual_settings())
+    run = opened(arguments.run, None, programs, None, IMPORT, usual_settings())
     state = run.session.opened(run.first)
     names = part_names(state.structure)
     with serving({"run": run}, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:

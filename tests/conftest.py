@@ -24,8 +24,9 @@ settings.load_profile("project")
 # By processor seconds on AVX2, from 300 down to 25; those that aren't named take less.
 LONGEST = (
     "project/test_end_to_end", "browser/test_editor", "pipeline/test_planning", "synthesis/test_dataset",
-    "geometry/test_broken", "geometry/test_solid", "project/test_collection", "pipeline/test_cluster",
-    "pipeline/test_faults", "pipeline/test_lanes", "report/test_page",
+    "geometry/test_broken", "browser/test_working", "geometry/test_solid", "project/test_collection",
+    "browser/test_found_parts", "pipeline/test_cluster", "pipeline/test_faults", "pipeline/test_lanes",
+    "report/test_page",
 )  # fmt: skip
 LONG_NAME = 60  # characters
 

@@ -16,6 +16,7 @@ from cagesdf.api.shapes import EditableShape, FittedShape
 from cagesdf.api.sources import Source, imported
 from cagesdf.cage_generation.generator import Generated, Generator
 from cagesdf.demo import DEMO
+from cagesdf.editing.naming import KnownParts
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
 from cagesdf.inference import shapes as inference
@@ -138,6 +139,11 @@ class TrainedRun:
         return run_html(str(self.folder), {name: self.session.run.sequences[name].cages[0] for name in self.shapes})
 
     @cached_property
+    def known_parts(self) -> KnownParts:
+        """The labelled parts of its shapes, after which parts of new programs are called."""
+        return KnownParts.of(self.session.styles.shapes.values())
+
+    @cached_property
     def _known(self) -> inference.Known:
         return inference.Known.of(self.session.run, read_residuals(self.folder))
 
@@ -153,7 +159,7 @@ class TrainedRun:
     def _built(self, order: Order) -> EditableShape | None:
         if order.generated is None:
             return None
-        structure = order.generated.structure
+        structure = self.known_parts.labelled(order.generated.structure, order.generated.cage)
         if structure.placed_program() is None:
             structure = structure.with_cuboids(order.generated.cage.cuboids())
         shape = self.open(self.shapes[0])

@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,9 +15,9 @@ from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder
 
 if TYPE_CHECKING:
+    from cagesdf.api.runs import TrainedRun
     from cagesdf.cuboid import Cage
     from cagesdf.io.generated_shapes import GeneratedShape
-    from cagesdf.io.runs import Run
     from cagesdf.shape_generation.surfaces import Order
 
 POINTS = 2048  # samples of each surface
@@ -91,7 +92,7 @@ def generate(
     with working(f"reading {run}"):
         trained = load_run(run, programs)
     new = trained.draw(count, seed, latent=latent, temperature=temperature, program=program)
-    make = _maker(trained.session.run, resolution, loose, STABILITIES[stability], seed)
+    make = _maker(trained, resolution, loose, STABILITIES[stability], seed)
     threads = workers()
     with new_folder(out) as folder, ThreadPoolExecutor(threads) as pool:
         shapes = in_order(pool, make, new.orders, AHEAD * threads)
@@ -111,9 +112,9 @@ def generate(
 
 
 def _maker(
-    trained: "Run", resolution: int, loose: str, stability: "Callable[[Cage], bool]", seed: int
+    trained: "TrainedRun", resolution: int, loose: str, stability: "Callable[[Cage], bool]", seed: int
 ) -> "Callable[[Order], GeneratedShape]":
-    """The function that makes the shape of an order; each order has random numbers of its own."""
+    """The function that makes the shape of an order, its parts named; each order has random numbers of its own."""
     from cagesdf.extraction import LOOSE
     from cagesdf.seeds import item_rng
     from cagesdf.shape_generation.surfaces import Extracting, make_shape
@@ -121,7 +122,11 @@ def _maker(
     settings = Extracting(resolution, LOOSE[loose], POINTS, stability)
 
     def make(order: "Order") -> "GeneratedShape":
-        return make_shape(trained, settings, item_rng(seed, "points", order.method, order.shape_id), order)
+        rng = item_rng(seed, "points", order.method, order.shape_id)
+        shape = make_shape(trained.session.run, settings, rng, order)
+        if shape.structure is None:
+            return shape
+        return replace(shape, structure=trained.known_parts.labelled(shape.structure, shape.cage))
 
     return make
 
@@ -171,6 +176,7 @@ def _health(shape: "GeneratedShape", resolution: int) -> dict[str, Any]:
 
 def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending: str) -> dict[str, Any]:
     """Write a shape's files; its line of the index."""
+    from cagesdf.editing.parts import part_names
     from cagesdf.io.exports import write_model
 
     entry: dict[str, Any] = {"id": shape.shape_id, "status": shape.status, "mesh": None, "structure": None}
@@ -185,7 +191,8 @@ def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending
     kept = ("method", "seed", "draw", "effective", "vertices", "faces", "closed", "components", "clipped", "rooted",
             "stable", "floating", "part_ids")  # fmt: skip
     numbers = {"cuboids": shape.cage.vectors().tolist(), "latent": shape.latent.tolist()}
-    return entry | {name: row[name] for name in kept} | numbers
+    names = [] if shape.structure is None else [*part_names(shape.structure).values()]
+    return entry | {name: row[name] for name in kept} | {"part_names": names} | numbers
 
 
 def _model(shape: "GeneratedShape") -> Any:

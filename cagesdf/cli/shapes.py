@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cagesdf.cli.telling import Json, tell, working
+from cagesdf.cli.telling import Count, Json, for_people, tell, working
 from cagesdf.errors import InputError
 from cagesdf.io.files import check_folder, new_folder, replacing
 
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 MAX_POINTS = 20_000_000
 
 
-def check(*sources: Path, include: str = "*") -> None:
-    """Say of each shape whether it passes, how it was repaired, or why it was rejected: a line each, as it is done.
+def check(*sources: Path, include: str = "*", as_json: Json = False) -> None:
+    """Say of each shape whether it passes, how it was repaired, or why it was rejected.
 
-    A folder's shapes are those that `make own` would take; other files in it are listed first. Parts of a single
-    mesh are found, and it is said whether those of a file were taken and why. Exit status 1 if any was rejected.
+    To a terminal in a line each, as it is done, and a sentence at the end; otherwise in one JSON object. A folder's
+    shapes are those that `make own` would take; other files in it are listed first. Parts of a single mesh are found,
+    and it is said whether those of a file were taken and why. Exit status 1 if any was rejected.
 
     Parameters
     ----------
@@ -36,14 +37,25 @@ def check(*sources: Path, include: str = "*") -> None:
     if not sources:
         raise InputError("wanted mesh files or folders. See cagesdf --help.")
     listings = [find_shapes(source, include) for source in sources]
-    for note in (note for listing in listings for note in listing.notes):
-        print(note)
-    rejected = 0
+    notes = [note for listing in listings for note in listing.notes]
+    lines = for_people(as_json)
+    if lines:
+        print("".join(f"{note}\n" for note in notes), end="", flush=True)
+    results = []
+    done = Count("shapes", sum(map(len, listings)))
     for result in checked(shape for listing in listings for shape in listing):
-        print(result, flush=True)
-        rejected += not result.usable
+        results.append(result)
+        if lines:
+            print(result, flush=True)
+        else:
+            done()
+    rejected = sum(not result.usable for result in results)
+    usable = len(results) - rejected
+    shapes = [{"id": result.shape_id, "usable": result.usable, "verdict": result.verdict} for result in results]
+    sentence = f"{len(results):,} shapes: {usable:,} can be used, {rejected:,} rejected"
+    tell({"shapes": shapes, "usable": usable, "rejected": rejected, "notes": notes}, sentence, as_json)
     if rejected:
-        raise InputError(f"{rejected:,} of {sum(map(len, listings)):,} shapes rejected")
+        raise InputError(f"{rejected:,} of {len(results):,} shapes rejected")
 
 
 def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: Json = False) -> None:
@@ -65,17 +77,12 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
     import numpy as np
 
     from cagesdf.api.sources import IMPORT
-    from cagesdf.cage_fitting.boxes import fit_cuboid
-    from cagesdf.cuboid import Cage
-    from cagesdf.errors import NotSolidError, ShapeRejected
+    from cagesdf.errors import ShapeRejected
     from cagesdf.formats.listing import find_shape, read_shape
-    from cagesdf.frames import canonical_similarity
-    from cagesdf.geometry.meshes import Mesh, join
+    from cagesdf.geometry.meshes import Mesh
     from cagesdf.geometry.solid import CUBE_FACES, union
     from cagesdf.io.exports import Model, write_model
-    from cagesdf.parts.changing import changed
-    from cagesdf.parts.cutting import MIN_SIZE, SLACK
-    from cagesdf.parts.finding import as_written, find_parts
+    from cagesdf.parts.changing import Dissection
     from cagesdf.parts.written import SUFFIX, written_json
 
     if out.exists():
@@ -84,32 +91,28 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
     try:
         with working(f"reading {source}"):
             raw = read_shape(replace(find_shape(source), written=None))
-        mesh = join([part.mesh for part in raw.parts])
-        placement = canonical_similarity(mesh.vertices, IMPORT["up"])
-        canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
         with working("finding parts"):
-            result = find_parts(canonical, IMPORT["weld"], IMPORT["min_thickness"])
-        result = changed(result, list(change), placement)
+            dissection = Dissection.of(raw, IMPORT["up"], IMPORT["weld"], IMPORT["min_thickness"])
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
-    except NotSolidError as error:
-        raise InputError(f"{source}: its surface {error}") from error
+    dissection = dissection.changed(list(change))
+    found = dissection.result
 
     def as_given(mesh: Mesh) -> Mesh:
-        return mesh.with_vertices(placement.to_raw(mesh.vertices))
+        return mesh.with_vertices(dissection.placement.to_raw(mesh.vertices))
 
-    cage = Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in result.parts})
+    cage = dissection.cage()
     boxes = {
         name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
     }
-    solids = {part.name: as_given(part.mesh) for part in result.parts}
+    solids = {part.name: as_given(part.mesh) for part in found.parts}
     with working("joining the parts"):
-        model = Model.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
+        model = Model.of(as_given(union([part.mesh for part in found.parts])), solids, boxes)
     with new_folder(out) as folder:
         write_model(folder / f"{raw.shape_id}.glb", model)
-        text = written_json(as_written(result, placement))
+        text = written_json(dissection.written())
         (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
-    counts = {"components": len(result.components), "parts": len(result.parts), "boxes": round(result.boxes, 4)}
+    counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
     tell({"out": str(out), **counts}, f"{out}: {counts['parts']} parts of {counts['components']} components", as_json)
 
 

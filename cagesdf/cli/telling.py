@@ -24,7 +24,12 @@ Json = Annotated[
 
 def tell(result: Mapping[str, Any], sentence: str, as_json: bool) -> None:
     """Print a command's result: as a sentence to a terminal, otherwise or with `as_json` as JSON."""
-    print(json.dumps(result, ensure_ascii=False) if as_json or not sys.stdout.isatty() else sentence)
+    print(sentence if for_people(as_json) else json.dumps(result, ensure_ascii=False))
+
+
+def for_people(as_json: bool) -> bool:
+    """Whether output is for a terminal, and JSON isn't wanted."""
+    return not as_json and sys.stdout.isatty()
 
 
 def warn(sentences: Iterable[str]) -> None:

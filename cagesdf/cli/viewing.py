@@ -47,7 +47,7 @@ def view(
         programs = programs or DEMO / "programs"
     import torch
 
-    from cagesdf.api.sources import imported
+    from cagesdf.api.sources import IMPORT
     from cagesdf.inference.shapes import usual_settings
     from cagesdf.viewing.opening import named, opened
     from cagesdf.viewing.server import free_port, serving
@@ -57,8 +57,7 @@ def view(
     folders = {"demo": DEMO / "run"} if demo else named(runs)
     with working(f"reading {', '.join(folders)}"):
         tabs = {
-            name: opened(folder, shape, programs, shapes, imported, usual_settings())
-            for name, folder in folders.items()
+            name: opened(folder, shape, programs, shapes, IMPORT, usual_settings()) for name, folder in folders.items()
         }
     with serving(tabs, host, port, workers()) as editor:
         print(f"The editor: {editor.address}  (Ctrl-C ends it)", flush=True)

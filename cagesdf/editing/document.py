@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from cagesdf.editing.operations import apply
-from cagesdf.editing.script import MAX_OPERATIONS, Operation, Redo, Script, Undo
+from cagesdf.editing.script import MAX_OPERATIONS, Operation, Redo, Script, Step, Undo
 from cagesdf.editing.state import History, State
 from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
@@ -28,6 +28,22 @@ class Document:
     def state(self) -> State:
         """Where the script leads."""
         return self.history.present
+
+    @property
+    def done(self) -> tuple[Step, ...]:
+        """The operations that lead to the state, without those that were taken back."""
+        done: list[Step] = []
+        undone: list[Step] = []
+        for operation in self.script:
+            match operation:
+                case Undo():
+                    undone.append(done.pop())
+                case Redo():
+                    done.append(undone.pop())
+                case _:
+                    done.append(operation)
+                    undone.clear()
+        return tuple(done)
 
     def then(self, operation: Operation, styles: Styles) -> "Document":
         """One operation more. Raises InputError for one that can't be done, and for a script as long as may be."""

@@ -1,4 +1,4 @@
-"""Changes of a shape's parts by hand: merge several, split one by a plane, give one another name or label.
+"""Parts of a whole shape, changed by hand: merge several, split one by a plane, give one another name or label.
 
 A change is a line of words, as on a command line: `merge NAME NAME …`, `split NAME x|y|z PLACE`, `rename NAME NEW`,
 `label NAME LABEL`. Names with spaces are quoted. PLACE is a coordinate in the file's frame and unit.
@@ -7,16 +7,56 @@ A change is a line of words, as on a command line: `merge NAME NAME …`, `split
 import math
 import shlex
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cagesdf.errors import InputError
-from cagesdf.frames import Similarity
-from cagesdf.parts.cutting import Fragment, cut
-from cagesdf.parts.finding import FoundPart, FoundParts, moved_plane
+from cagesdf.cage_fitting.boxes import fit_cuboid
+from cagesdf.cuboid import Cage
+from cagesdf.errors import InputError, NotSolidError, ShapeRejected
+from cagesdf.frames import Similarity, canonical_similarity
+from cagesdf.geometry.meshes import join
+from cagesdf.parts.cutting import MIN_SIZE, SLACK, Fragment, cut
+from cagesdf.parts.finding import FoundPart, FoundParts, as_written, find_parts, moved_plane
+from cagesdf.shape import RawShape, WrittenParts
 
+STAGE = "parts"
 AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Dissection:
+    """A whole shape taken apart."""
+
+    shape_id: str
+    result: FoundParts
+    placement: Similarity  # raw → canonical
+
+    @staticmethod
+    def of(raw: RawShape, up: str, tolerance: float, min_thickness: float) -> "Dissection":
+        """The parts that are found in a shape, whatever groups its file has; settings as `import_shape`'s.
+
+        Raises ShapeRejected for a surface that can't be made solid.
+        """
+        mesh = join([part.mesh for part in raw.parts])
+        placement = canonical_similarity(mesh.vertices, up)
+        canonical = mesh.with_vertices(placement.to_canonical(mesh.vertices))
+        try:
+            return Dissection(raw.shape_id, find_parts(canonical, tolerance, min_thickness), placement)
+        except NotSolidError as error:
+            raise ShapeRejected(raw.shape_id, STAGE, f"its surface {error}") from error
+
+    def changed(self, changes: list[str]) -> "Dissection":
+        """After all changes, in turn. Raises InputError as the function of that name."""
+        return replace(self, result=changed(self.result, changes, self.placement))
+
+    def written(self) -> WrittenParts:
+        """The parts as a file beside the mesh keeps them."""
+        return as_written(self.result, self.placement)
+
+    def cage(self) -> Cage:
+        """A cuboid around each part, canonical."""
+        return Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in self.result.parts})
 
 
 def changed(found: FoundParts, changes: list[str], placement: Similarity) -> FoundParts:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from cagesdf.editing.document import Document
 from cagesdf.editing.script import Script, dump
-from cagesdf.geometry.meshes import Mesh
+from cagesdf.viewing.uploads import Upload
 
 DAY = 86_400.0  # seconds
 MOST = 20  # drafts per browser
@@ -24,7 +24,7 @@ class Entry:
 
     first: Document  # as it was opened, or made
     last: Document
-    truth: Mesh | None  # the surface of the file that it comes from, canonical
+    upload: Upload | None  # the file that it comes from
     saved: Document  # as last saved or exported; otherwise `first`, or the shape before it was made here
 
 
@@ -37,16 +37,16 @@ class Draft:
     name: str  # given by the user
     script: Script  # leads from the run's shape to it
     made: int  # leading operations that made the shape: undo and reset go no further back
-    truth: Mesh | None  # the surface of the file that it comes from, canonical
+    upload: Upload | None  # the file that it comes from
     time: float  # last change, seconds since the epoch
     bytes: int  # estimate of its memory
 
     @staticmethod
     def of(entry: Entry, run: str, now: float) -> "Draft":
         """A document as it is now."""
-        document, truth = entry.last, entry.truth
-        size = len(dump(document.script)) + (0 if truth is None else truth.vertices.nbytes + truth.faces.nbytes)
-        return Draft(run, document.shape_id, document.name, document.script, len(entry.first.script), truth, now, size)
+        document, upload = entry.last, entry.upload
+        size = len(dump(document.script)) + (0 if upload is None else upload.bytes)
+        return Draft(run, document.shape_id, document.name, document.script, len(entry.first.script), upload, now, size)
 
 
 class Drafts:

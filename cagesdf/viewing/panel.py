@@ -136,6 +136,7 @@ class Panel:
             self._new(actions, generates)
         with tabs.add_tab("File"):
             self._file(actions)
+        self.found = tabs.add_tab("Found parts")
         with tabs.add_tab("View"):
             self._view(actions)
         with gui.add_folder("Details", expand_by_default=False):
@@ -255,7 +256,7 @@ class Panel:
             "Load parts",
             icon=viser.Icon.CUBE_PLUS,
             mime_type=MESHES,
-            hint="a mesh with named parts, or a zip of meshes",
+            hint="a mesh, whose groups are its parts or whose parts are found, or a zip with a mesh for each",
         )
         parts.on_upload(lambda _: self._guard(lambda: actions.upload_parts(parts.value.name, parts.value.content)))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from cagesdf.editing.naming import group_names
 from cagesdf.editing.parts import part_names
 from cagesdf.structure.assembly import ROOT, Assembly, below
 from cagesdf.structure.base import Structure
@@ -51,12 +52,14 @@ def _owners(structure: Structure) -> dict[tuple[str, str], str]:
     if not isinstance(structure, Assembly):
         return owners
     names, program = part_names(structure), structure.program
+    parts = {*names.values()}
+    names |= {node: f"all of {text}" if text in parts else text for node, text in group_names(structure).items()}
 
     def visit(node: str, block_name: str) -> None:
         block = program.block(block_name) or program.blocks[0]
         for member in block.members():
             path = below(node, member.name)
-            owners.setdefault((block.name, member.original), names.get(path, f"group {path}"))
+            owners.setdefault((block.name, member.original), names[path])
             if program.block(member.original) is not None:
                 visit(path, member.original)
 

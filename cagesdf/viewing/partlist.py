@@ -6,6 +6,7 @@ from typing import Any
 
 import viser
 
+from cagesdf.editing.naming import group_names
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.state import State
 from cagesdf.structure.base import Structure
@@ -76,7 +77,8 @@ class PartList:
                 self._folder = self._gui.add_folder("Parts")
             with self._folder:
                 self._add_groups(state.structure, names)
-                self._add(state.structure, state.structure.root(), names, colours)
+                groups = group_names(state.structure)
+                self._add(state.structure, state.structure.root(), names | groups, colours)
         for part, button in self._buttons.items():
             label = f"▸ {names[part]}" if part in selected else names[part]
             if button.label != label:
@@ -94,11 +96,12 @@ class PartList:
 
     def _add(self, structure: Structure, node: str, names: Mapping[str, str], colours: Mapping[str, Colour]) -> None:
         for child in structure.children(node):
-            if child in names:
+            if child in colours:
                 self._buttons[child] = self._button(names[child], (child,), colours[child])
                 self._eyes[child] = self._eye(child)
             else:
-                with self._gui.add_folder(_called(structure, child)):
+                text = names[child]
+                with self._gui.add_folder(text if len(text) <= LONGEST else f"{text[:LONGEST]}…"):
                     self._add(structure, child, names, colours)
 
     def _button(self, label: str, parts: tuple[str, ...], colour: Colour | None) -> Any:
@@ -115,15 +118,3 @@ class PartList:
 def _show_icon(button: Any, icon: viser.IconName | None) -> None:
     if button.icon != icon:
         button.icon = icon
-
-
-def _called(structure: Structure, node: str) -> str:
-    """A group by what is in it: legs and stretchers are "leg, stretcher"; by its own name where that has no labels."""
-    labels = structure.labels()
-
-    def words(node: str) -> list[str]:
-        children = structure.children(node)
-        return [word for child in children for word in words(child)] if children else [labels[node]]
-
-    text = ", ".join(dict.fromkeys(word for word in words(node) if word)) or node
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

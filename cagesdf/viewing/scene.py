@@ -18,7 +18,7 @@ from cagesdf.viewing.colours import AXES, SELECTED, Colour
 from cagesdf.viewing.framing import VIEWS, camera_for, world_per_pixel
 from cagesdf.viewing.picking import along
 
-BOX_OPACITY = 0.1
+BOX_OPACITY, PLANE_OPACITY = 0.1, 0.4
 EDGE_WIDTH, OUTLINE_WIDTH = 1.5, 4.0  # pixels
 GIZMO_PIXELS, HANDLE_PIXELS = 90, 8  # an arrow's length and a handle's radius on the screen
 BESIDE = (1.6, 0.0, 0.0)  # canonical: from the surface to the true one beside it
@@ -72,6 +72,7 @@ class Stage:
         self._edges: Any = None
         self._outline: Any = None
         self._truth: Any = None
+        self._plane: Any = None
         self._scene.set_up_direction("+y")
         # Clicks are those of the whole scene: boxes that listened would keep the mouse from a gizmo behind them.
         self._scene.on_click()(lambda event: self._clicked(event, more=False))
@@ -145,23 +146,32 @@ class Stage:
     def show_surface(self, mesh: Mesh, cage: Cage, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
         """A surface cut into its parts, in one of LOOKS."""
         owner, _ = cage.assign(mesh.corners().mean(axis=1)) if len(mesh.faces) else (np.zeros(0, int), None)
+        patches = {
+            cage.part_ids[i]: compact(Mesh(mesh.vertices, mesh.faces[owner == i])) for i in np.unique(owner).tolist()
+        }
+        self.show_parts(patches, colours, hidden, look)
+
+    def show_parts(
+        self, meshes: Mapping[str, Mesh], colours: Mapping[str, Colour], hidden: Set[str], look: str
+    ) -> None:
+        """A mesh for each part in the surface's place, in one of LOOKS."""
         with self._client.atomic():
             for _, piece in self._pieces:
                 piece.remove()
             self._pieces = [
                 (
-                    cage.part_ids[i],
+                    part,
                     self._scene.add_mesh_simple(
                         f"/surface/{i}",
-                        patch.vertices.astype(np.float32),
-                        patch.faces.astype(np.uint32),
-                        color=rgb(CLAY) if look == "Clay" else colours[cage.part_ids[i]],
+                        mesh.vertices.astype(np.float32),
+                        mesh.faces.astype(np.uint32),
+                        color=rgb(CLAY) if look == "Clay" else colours[part],
                         wireframe=look == "Wireframe",
-                        visible=cage.part_ids[i] not in hidden,
+                        visible=part not in hidden,
                     ),
                 )
-                for i in np.unique(owner).tolist()
-                if len((patch := compact(Mesh(mesh.vertices, mesh.faces[owner == i]))).faces)
+                for i, (part, mesh) in enumerate(meshes.items())
+                if len(mesh.faces)
             ]
 
     def show_look(self, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
@@ -289,6 +299,17 @@ class Stage:
 
         handle.on_drag(dragged)
         return handle
+
+    def show_plane(self, corners: Float[ndarray, "4 3"] | None) -> None:
+        """A rectangle, in the colour of what is selected; nothing with None."""
+        if self._plane is not None:
+            self._plane.remove()
+            self._plane = None
+        if corners is not None:
+            self._plane = self._scene.add_mesh_simple(
+                "/plane", corners.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32), color=SELECTED,
+                opacity=PLANE_OPACITY, side="double", cast_shadow=False,
+            )  # fmt: skip
 
     def show_truth(self, mesh: Mesh | None, opacity: float) -> None:
         """The true surface beside; not there with None or opacity 0."""

@@ -23,7 +23,8 @@ from websockets.http11 import Request, Response
 from cagesdf.errors import InputError
 from cagesdf.viewing.drafts import DAY, Drafts, Page, is_token, new_token
 from cagesdf.viewing.framing import VIEWS, camera_for
-from cagesdf.viewing.tab import Opened, Tab
+from cagesdf.viewing.opening import Opened
+from cagesdf.viewing.tab import Tab
 
 COOKIE = "cagesdf-"  # with the port: cookies of one host are those of all its ports
 PORTS = range(8080, 8180)  # tried in turn if no port is named

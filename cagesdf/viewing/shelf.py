@@ -7,8 +7,8 @@ from cagesdf.editing.document import Document
 from cagesdf.editing.parts import free_name
 from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
-from cagesdf.geometry.meshes import Mesh
 from cagesdf.viewing.drafts import Draft, Entry
+from cagesdf.viewing.uploads import Upload
 
 
 @dataclass(eq=False)
@@ -37,11 +37,11 @@ class Shelf:
             self.entries[name] = Entry(document, document, None, document)
         return self.entries[name].last
 
-    def add(self, document: Document, truth: Mesh | None) -> Document:
+    def add(self, document: Document, upload: Upload | None) -> Document:
         """A document that was made here, under a free name."""
         document = document.named(free_name(document.name, [*self.entries, *self.ids]))
         # That it was made is something to save, too.
-        self._put(Entry(document, document, truth, document.reset()))
+        self._put(Entry(document, document, upload, document.reset()))
         return document
 
     def put(self, document: Document) -> None:
@@ -65,9 +65,9 @@ class Shelf:
         entry = self.entries[name]
         self.entries[name] = replace(entry, saved=entry.last)
 
-    def truth(self, name: str) -> Mesh | None:
-        """The surface of the file that a document comes from, canonical."""
-        return self.entries[name].truth if name in self.entries else None
+    def upload(self, name: str) -> Upload | None:
+        """The file that a document comes from."""
+        return self.entries[name].upload if name in self.entries else None
 
     def restore(self, draft: Draft, styles: Styles) -> Document:
         """The document of a draft, under its name, or one that is free. Raises InputError if its script fails."""
@@ -77,7 +77,7 @@ class Shelf:
         if name not in self.ids or (entry is not None and entry.last.script):
             name = free_name(name, [*self.entries, *self.ids])
         last = first.named(name).continued(draft.script[draft.made :], styles)
-        self._put(Entry(first.named(name), last, draft.truth, first.reset()))
+        self._put(Entry(first.named(name), last, draft.upload, first.reset()))
         return last
 
     def _put(self, entry: Entry) -> None:

@@ -3,65 +3,47 @@
 import hashlib
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import repeat
-from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
 import viser
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 from numpy import ndarray
-from scipy.spatial.transform import Rotation
 
-from cagesdf.cage_generation.generator import Generated, Generator
+from cagesdf.cage_generation.generator import Generated
 from cagesdf.cuboid import Cage
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
-from cagesdf.editing.operations import SMALLEST
 from cagesdf.editing.parts import parameters, part_names
-from cagesdf.editing.script import (
-    Add,
-    Axis,
-    Blend,
-    Build,
-    Delete,
-    Duplicate,
-    End,
-    Mix,
-    Move,
-    Operation,
-    Resize,
-    Rotate,
-    Set,
-    Split,
-    Style,
-    dump,
-)
-from cagesdf.editing.session import Session
+from cagesdf.editing.script import Blend, Build, Delete, Mix, Operation, Set, Style, dump
 from cagesdf.editing.state import State
 from cagesdf.editing.styles import ranked
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction
-from cagesdf.frames import Similarity
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
-from cagesdf.shape_generation.surfaces import CodeSource, draw_cages, of_program
+from cagesdf.parts.changing import Dissection
+from cagesdf.shape_generation.surfaces import draw_cages, of_program
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
-from cagesdf.viewing.angles import AXES, angles_of, turns
+from cagesdf.viewing.angles import AXES, angles_of
 from cagesdf.viewing.colours import Colour, part_colours
+from cagesdf.viewing.dissecting import Desk, PartsPage
 from cagesdf.viewing.drafts import Draft, Entry, Page
 from cagesdf.viewing.drawing import first_that_holds, new_style
 from cagesdf.viewing.framing import VIEWS
+from cagesdf.viewing.hand import Hand, Numbers, gizmo_frame, on_top, only
 from cagesdf.viewing.jobs import Jobs, Progress, Stand
 from cagesdf.viewing.keys import KEYS, card
 from cagesdf.viewing.leaving import ask_before_leaving
+from cagesdf.viewing.opening import Opened
 from cagesdf.viewing.panel import NOTHING, WHOLE, Actions, Panel
 from cagesdf.viewing.parameters import grouped
 from cagesdf.viewing.partlist import PartList
@@ -69,44 +51,12 @@ from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
 from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
 from cagesdf.viewing.shelf import Shelf
-from cagesdf.viewing.snapping import snapped
-from cagesdf.viewing.styles import StyleSpace
-from cagesdf.viewing.thumbnails import Picture, Thumbnails, blank
+from cagesdf.viewing.thumbnails import Picture, blank
+from cagesdf.viewing.uploads import Taken, Upload
 from cagesdf.viewing.worker import FINE, Made, Worker
 
 STYLES_SHOWN = 9  # pictures at first, and added by *More styles*
 PATIENCE = 1.0  # seconds; progress of shorter work isn't shown
-GAP = 1.2  # from a part to its copy, in extents of the part
-NEW_PART = 0.25  # canonical: lengths of a cuboid that is added
-
-
-Truths = Callable[[str], Mesh | None]  # the parts of a shape, canonical, as one mesh; None where it isn't known
-
-
-@dataclass(frozen=True, eq=False)
-class Taken:
-    """A shape from files, as the network has it."""
-
-    structure: Structure  # with cuboids, canonical
-    latent: Float32[ndarray, " d"]
-    residuals: Mapping[str, Sequence[float]]  # by part, added to the part's code
-    similarity: Similarity  # raw → canonical
-    truth: Mesh  # its own surface, canonical
-    verdict: str  # likeness to the training shapes
-
-
-@dataclass(frozen=True, eq=False)
-class Opened:
-    """A run that tabs share; nothing of it changes."""
-
-    session: Session
-    styles: StyleSpace
-    codes: Callable[[], CodeSource]  # the source of new styles; the first call takes seconds
-    generator: Generator | None
-    truth: Truths
-    take: Callable[[Path, str, Progress], Taken]  # a source, by the name that the user calls it; raises InputError
-    thumbnails: Thumbnails
-    first: str  # id of the shape that a tab begins with
 
 
 class Tab:
@@ -184,6 +134,17 @@ class Tab:
             self._guarded,
         )
         self._parts = PartList(client, self._pick, self._blink, self._act, self._guarded)
+        with self._panel.found:
+            desk = Desk(
+                lambda: self._document,
+                lambda: self._upload,
+                lambda: self._selected,
+                self._become,
+                self._jobs.start,
+                self._give,
+                self._stage.show_plane,
+            )
+            self._found = PartsPage(client.gui, desk, opened.importer, opened.session.styles, self._guarded)
         self._bind_keys()
         self._panel.shape.value = opened.first
         self._worker = Worker(opened.session, pool, self._show, self._tell, self._refuse)
@@ -227,6 +188,8 @@ class Tab:
     # The view and the panel
 
     def _show(self, made: Made) -> None:
+        if self._unfitted is not None:
+            return
         self._made = made
         mesh, state = made.extraction.mesh, made.state
         self._stage.show_surface(mesh, state.cage, self._colours(state), self._hidden, self._panel.look.value)
@@ -258,10 +221,10 @@ class Tab:
 
     def _nearness(self, mesh: Mesh) -> str:
         """Mean distance of a canonical surface from that of the file that the shape comes from, in words."""
-        truth = self._shelf.truth(self._document.name)
-        if truth is None or not len(mesh.faces):
+        if self._upload is None or not len(mesh.faces):
             return ""
-        distance = SurfaceDistance(truth).unsigned(mesh.vertices).mean() / self._document.state.similarity.scale
+        mean = SurfaceDistance(self._upload.truth).unsigned(mesh.vertices).mean()
+        distance = mean / self._document.state.similarity.scale
         return f"; {distance:.2g} file units from the file's surface on average"
 
     def _say(self, text: str) -> None:
@@ -305,7 +268,7 @@ class Tab:
         names = part_names(state.structure)
         self._selected = tuple(part for part in self._selected if part in names)
         self._show_cage(state)
-        centre, axes = self._frame(state)
+        centre, axes = gizmo_frame(state, self._selected)
         tool = self._panel.tool.value
         self._stage.show_gizmo(centre, axes, tool)
         one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
@@ -325,17 +288,10 @@ class Tab:
         self._panel.show_shapes(self._shelf.made, self._document.name)
         self._panel.show_target(self._target or WHOLE)
         self._show_styles(state)
-        truth = self._shelf.truth(self._document.name) or self._opened.truth(self._document.name)
+        truth = self._opened.truth(self._document.name) if self._upload is None else self._upload.truth
         self._panel.truth.visible = truth is not None
         self._stage.show_truth(truth, self._panel.truth.value)
-
-    def _frame(self, state: State) -> tuple[Float[ndarray, " 3"] | None, Float[ndarray, "3 3"]]:
-        """The gizmo's centre and axes: the cuboid's, or, around several, those of the user's frame."""
-        if len(self._selected) == 1:
-            return state.cage[self._selected[0]].centre, state.cage[self._selected[0]].axes
-        corners = _only(state.cage, self._selected).corners().reshape(-1, 3)
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2 if len(corners) else None
-        return middle, state.similarity.rotation.T
+        self._found.show()
 
     # Selection
 
@@ -373,10 +329,9 @@ class Tab:
         return "|".join(self._names)
 
     @property
-    def _one(self) -> str:
-        if len(self._selected) != 1:
-            raise InputError(f"wanted one cuboid selected, not {len(self._selected)}")
-        return self._selected[0]
+    def _hand(self) -> Hand:
+        """The selection, for operations. Raises InputError as `_pattern`."""
+        return Hand(self._document.state, self._selected, self._pattern, self._followers)
 
     def _hide(self) -> None:
         self._hidden |= frozenset(self._selected)
@@ -419,7 +374,7 @@ class Tab:
 
     def _frame_selection(self) -> None:
         cage = self._document.state.cage
-        self._stage.frame(_only(cage, self._selected) if self._selected else cage)
+        self._stage.frame(only(cage, self._selected) if self._selected else cage)
 
     def _next_look(self) -> None:
         self._panel.look.value = LOOKS[(LOOKS.index(self._panel.look.value) + 1) % len(LOOKS)]
@@ -448,37 +403,16 @@ class Tab:
             "Lock": self._lock_or_free,
             "Show all": self._show_all,
             "Duplicate": self._duplicate,
-            "Split": self._split,
+            "Split": lambda: self._do_and_select(self._hand.split()),
             "Delete": lambda: self._do(Delete(part=self._pattern, mirror=self._mirror)),
-            "Add": self._add,
+            "Add": lambda: self._do_and_select(on_top(self._document.state)),
         }
         actions[word]()
 
     def _duplicate(self) -> None:
-        """A copy beside the part: along the axis along which it is shortest, as slats and books stand."""
-        state, pattern = self._document.state, self._pattern
-        extent = np.ptp(state.similarity.to_raw(_only(state.cage, self._selected).corners().reshape(-1, 3)), axis=0)
-        displacement = [0.0, 0.0, 0.0]
-        displacement[int(extent.argmin())] = GAP * float(extent.min())
-        x, y, z = displacement
-        self._do_and_select(Duplicate(part=pattern, by=(x, y, z), mirror=self._mirror))
+        self._do_and_select(self._hand.duplicate())
         self._panel.repeat.value = False
         self._say(f"{', '.join(self._names)}: copied; repeated parts don't follow now")
-
-    def _split(self) -> None:
-        """Across the longest axis."""
-        axis, _ = _named(self._document.state, int(self._document.state.cage[self._one].size.argmax()))
-        self._do_and_select(Split(part=self._pattern, axis=axis, mirror=self._mirror, repeat=self._repeat))
-
-    def _add(self) -> None:
-        """A cuboid on the top of the shape."""
-        state = self._document.state
-        corners = state.cage.corners().reshape(-1, 3)
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        middle[1] = corners[:, 1].max() + NEW_PART / 2
-        centre_x, centre_y, centre_z = state.similarity.to_raw(middle[None])[0].tolist()
-        length = NEW_PART / state.similarity.scale
-        self._do_and_select(Add(name="part", centre=(centre_x, centre_y, centre_z), lengths=(length, length, length)))
 
     def _do_and_select(self, operation: Operation) -> None:
         """Do an operation, and select the parts that it adds."""
@@ -490,6 +424,7 @@ class Tab:
 
     def _do(self, operation: Operation, control: tuple[object, ...] = ()) -> None:
         """Do an operation; one of the same control replaces the one before."""
+        self._check_fitted()
         replaces = bool(control) and control == self._sliding
         step = self._document.instead if replaces else self._document.then
         self._become(step(operation, self._opened.session.styles), control)
@@ -500,12 +435,41 @@ class Tab:
         self._document, self._sliding = document, control
         self._shelf.put(document)
         self._redraw()
+        if self._unfitted is not None:
+            self._show_parts(self._unfitted)
+            return
         self._panel.surface.value, self._panel.mark.value = "being made", ""
         self._say(f"{document.name}: its surface is being made")
         self._worker.want(document.state)
 
+    # The mesh that the open shape comes from
+
+    @property
+    def _upload(self) -> Upload | None:
+        return self._shelf.upload(self._document.name)
+
+    @property
+    def _unfitted(self) -> Dissection | None:
+        """The parts of the mesh as they were changed, if the network hasn't seen them yet."""
+        return None if self._upload is None else self._upload.unfitted(self._document)
+
+    def _check_fitted(self) -> None:
+        if self._unfitted is not None:
+            raise InputError("the parts of the mesh were changed: press Fit again (in Found parts) first, or undo")
+
+    def _show_parts(self, dissection: Dissection) -> None:
+        """The mesh itself, in its parts."""
+        self._made = None
+        self._worker.rest()
+        solids = {part.name: part.mesh for part in dissection.result.parts}
+        self._stage.show_parts(solids, self._colours(self._document.state), self._hidden, self._panel.look.value)
+        self._panel.surface.value, self._panel.mark.value = "the mesh itself, in its parts", ""
+        self._panel.show_health("of the network's surface, once it is fitted again", ())
+        self._say(f"{self._document.name}: {len(solids)} parts, not fitted yet")
+
     def _preview(self, operation: Operation) -> None:
         """Show the result of an operation while a hand is still dragging."""
+        self._check_fitted()
         state = self._document.then(operation, self._opened.session.styles).state
         self._show_cage(state)
         if len(self._selected) == 1 and self._panel.tool.value == "Resize":
@@ -523,57 +487,11 @@ class Tab:
 
     def _moved(self, phase: str, centre: Float[ndarray, " 3"], axes: Float[ndarray, "3 3"]) -> None:
         """The gizmo was dragged."""
-        self._guarded(lambda: self._drag(phase, self._motion(centre, axes)))
-
-    def _motion(self, centre: Float[ndarray, " 3"], axes: Float[ndarray, "3 3"]) -> Operation | None:
-        """The operation of a dragged gizmo: a turn about one axis, or a move; None without a change."""
-        state = self._document.state
-        before, axes_before = self._frame(state)
-        if before is None:
-            return None
-        turn = _turn(axes_before, axes)
-        if turn is not None:
-            row, degrees = turn
-            if len(self._selected) == 1:
-                axis, sign = _named(state, row)
-                return Rotate(part=self._pattern, axis=axis, angle=sign * degrees, **self._followers)
-            return Rotate(
-                part=self._pattern,
-                axis=AXES[row],
-                angle=degrees,
-                frame="shape",
-                **self._followers,
-            )
-        displacement = centre - before
-        if not displacement.any():
-            return None
-        if self._panel.snap.value:
-            others = _only(state.cage, [part for part in state.cage.part_ids if part not in self._selected])
-            parts = _only(state.cage, self._selected)
-            moved = Cage(parts.part_ids, parts.centre + displacement, parts.axes, parts.size)
-            displacement = displacement + snapped(moved, others) * (np.abs(displacement) > 1e-9)
-        return self._move(displacement)
-
-    def _move(self, displacement: Float[ndarray, " 3"]) -> Operation:
-        similarity = self._document.state.similarity
-        x, y, z = (similarity.rotation.T @ displacement / similarity.scale).tolist()
-        return Move(part=self._pattern, by=(x, y, z), **self._followers)
+        self._guarded(lambda: self._drag(phase, self._hand.dragged(centre, axes, bool(self._panel.snap.value))))
 
     def _pulled(self, phase: str, axis: int, side: int, distance: float) -> None:
         """A face was dragged outwards by a canonical distance."""
-
-        def act() -> None:
-            state = self._document.state
-            length = float(state.cage[self._one].size[axis])
-            name, sign = _named(state, axis)
-            factor = float(np.clip((length + distance) / length, 0.02, 50))
-            keep: End = "low" if side * sign > 0 else "high"
-            self._drag(
-                phase,
-                Resize(part=self._pattern, axis=name, factor=factor, keep=keep, **self._followers),
-            )
-
-        self._guarded(act)
+        self._guarded(lambda: self._drag(phase, self._hand.pulled(axis, side, distance)))
 
     @property
     def _mirror(self) -> bool:
@@ -589,26 +507,16 @@ class Tab:
         attach, details = bool(self._panel.attach.value), self._panel.details.value
         return {"mirror": self._mirror, "repeat": self._repeat, "attach": attach, "details": details}
 
-    def _place(self, centre: tuple[float, float, float]) -> None:
-        state = self._document.state
-        target = state.similarity.to_canonical(np.array([centre]))[0]
-        self._do(self._move(target - state.cage[self._one].centre), ("centre", self._selected))
+    def _place(self, centre: Numbers) -> None:
+        self._do(self._hand.placed(centre), ("centre", self._selected))
 
-    def _lengths(self, lengths: tuple[float, float, float]) -> None:
-        state = self._document.state
-        least = SMALLEST / state.similarity.scale
-        if min(lengths) < least:
-            raise InputError(f"lengths are at least {least:.1g}")
-        for axis, length in zip(AXES, lengths):
-            row, _ = state.own_axis(axis)
-            factor = length * state.similarity.scale / float(state.cage[self._one].size[row])
-            if abs(factor - 1) > 1e-4:
-                self._do(Resize(part=self._pattern, axis=axis, factor=factor, **self._followers))
+    def _lengths(self, lengths: Numbers) -> None:
+        for operation in [*self._hand.resized(lengths)]:
+            self._do(operation)
 
-    def _angles(self, angles: tuple[float, float, float]) -> None:
-        state = self._document.state
-        for axis, angle in turns(state, state.cage[self._one], angles):
-            self._do(Rotate(part=self._pattern, axis=axis, angle=angle, **self._followers))
+    def _angles(self, angles: Numbers) -> None:
+        for operation in [*self._hand.turned(angles)]:
+            self._do(operation)
 
     def _set(self, parameter: str, value: float) -> None:
         if parameter != NOTHING:
@@ -643,6 +551,7 @@ class Tab:
 
     def _surprise(self, temperature: float) -> None:
         """A new style, drawn until the surface holds."""
+        self._check_fitted()
         document, rng, styles = self._document, self._rng.spawn(1)[0], self._opened.session.styles
 
         def work(progress: Progress) -> Callable[[], None]:
@@ -712,9 +621,9 @@ class Tab:
         if other:
             self._show_ends()
 
-    def _remember(self, document: Document, truth: Mesh | None) -> None:
+    def _remember(self, document: Document, upload: Upload | None) -> None:
         """A shape that was made here: in the list, with a thumbnail, and open."""
-        self._show_made(self._shelf.add(document, truth))
+        self._show_made(self._shelf.add(document, upload))
 
     def _show_made(self, document: Document) -> None:
         self._take(document)
@@ -751,13 +660,20 @@ class Tab:
                 samples = draw_cages(generator, rng, 1, temperature)
                 if not samples.kept:
                     raise InputError("; ".join(samples.failures))
-                built = start.then(_build(samples.kept[0]), styles)
+                built = start.then(self._build(samples.kept[0]), styles)
                 return built.then(new_style(codes, rng, built.state, temperature), styles)
 
             drawn = first_that_holds(self._opened.session, repeat(draw), progress)
             return lambda: self._remember(drawn.named("new"), None)
 
         self._jobs.start("New shape", work)
+
+    def _build(self, generated: Generated) -> Build:
+        """The operation that leads to new cuboids, their parts named."""
+        structure = self._opened.known_parts.labelled(generated.structure, generated.cage)
+        if structure.placed_program() is None:
+            structure = structure.with_cuboids(generated.cage.cuboids())
+        return Build(structure=structure.to_json())
 
     # Work that outlives the page
 
@@ -815,6 +731,7 @@ class Tab:
 
     def _write(self, name: str, ending: str, content_of: Callable[[Extraction, State, str], bytes]) -> None:
         """Download a file that equals the one of `cagesdf edit`."""
+        self._check_fitted()
         state, made = self._document.state, self._made
 
         def work(progress: Progress) -> Callable[[], None]:
@@ -830,42 +747,35 @@ class Tab:
         self._jobs.start(name, work)
 
     def _download(self, name: str, content: bytes) -> None:
-        self._client.send_file_download(name, content, save_immediately=True)
-        self._say(f"{name}: {len(content):,} bytes")
+        self._give(name, content)
         self._saved()
 
+    def _give(self, name: str, content: bytes) -> None:
+        self._client.send_file_download(name, content, save_immediately=True)
+        self._say(f"{name}: {len(content):,} bytes")
+
     def _upload_parts(self, name: str, content: bytes) -> None:
-        start, styles = self._document.reset(), self._opened.session.styles
+        start, styles, importer = self._document.reset(), self._opened.session.styles, self._opened.importer
 
         def work(progress: Progress) -> Callable[[], None]:
-            with TemporaryDirectory() as folder:
-                try:
-                    taken = self._opened.take(files.meshes_of(name, content, Path(folder)), name, progress)
-                except InputError as error:
-                    raise InputError(str(error).replace(f"{folder}/", "").replace(folder, name)) from error
-            build = Build(structure=taken.structure.to_json(), frame=tuple(taken.similarity.to_numbers()))
-            residuals = {part: tuple(numbers) for part, numbers in taken.residuals.items()}
-            style = Style(code=tuple(taken.latent.tolist()), residuals=residuals)
+            progress("reading")
+            raw = importer.read(name, content)
+            taken = importer.take(raw, name, progress)
+            build, style = taken.operations()
             document = start.then(build, styles).then(style, styles).named(PurePosixPath(name).stem)
-            return partial(self._uploaded, name, document, taken)
+            return partial(self._uploaded, document, Upload(name, raw, taken.truth, taken.origin), taken)
 
         self._jobs.start(name, work)
 
-    def _uploaded(self, name: str, document: Document, taken: Taken) -> None:
-        self._remember(document, taken.truth)
-        self._client.add_notification(name, f"{len(document.state.cage)} cuboids; {taken.verdict}")
+    def _uploaded(self, document: Document, upload: Upload, taken: Taken) -> None:
+        self._remember(document, upload)
+        whose = f" {taken.origin.parts} (see Found parts)" if upload.raw.whole else ""
+        self._client.add_notification(upload.file, f"{len(document.state.cage)} cuboids{whose}; {taken.verdict}")
 
     def _upload_program(self, name: str, content: bytes) -> None:
         program = of_program(files.program_of(name, content), self._opened.session.run)
-        document = self._document.reset().then(_build(program), self._opened.session.styles)
+        document = self._document.reset().then(self._build(program), self._opened.session.styles)
         self._remember(document.named(PurePosixPath(name).stem), None)
-
-
-def _build(generated: Generated) -> Build:
-    structure = generated.structure
-    if structure.placed_program() is None:
-        structure = structure.with_cuboids(generated.cage.cuboids())
-    return Build(structure=structure.to_json())
 
 
 def _in_words(draft: Draft, now: float) -> str:
@@ -875,23 +785,3 @@ def _in_words(draft: Draft, now: float) -> str:
     age = "just now" if minutes < 1 else f"{minutes:.0f} min ago" if minutes < 60 else f"{minutes / 60:.0f} h ago"
     what = f"{changes} change{'s' * (changes != 1)}" if changes else "as it was made"
     return f"Continue {draft.name}: {what}, {age}"
-
-
-def _only(cage: Cage, parts: Sequence[str]) -> Cage:
-    return Cage.of({part: cage[part] for part in parts})
-
-
-def _turn(before: Float[ndarray, "3 3"], after: Float[ndarray, "3 3"]) -> tuple[int, float] | None:
-    """The axis (row) about which a frame has turned most, and degrees; None without a turn."""
-    vector = Rotation.from_matrix(before @ after.T).as_rotvec(degrees=True)
-    row = int(np.abs(vector).argmax())
-    return (row, float(vector[row])) if abs(vector[row]) > 1e-3 else None
-
-
-def _named(state: State, row: int) -> tuple[Axis, float]:
-    """The user's axis that one of the cuboids' axes is named after, and its sign, 1 or -1."""
-    for axis in AXES:
-        row_of_axis, sign = state.own_axis(axis)
-        if row_of_axis == row:
-            return axis, sign
-    raise AssertionError(f"no axis is named {row}")

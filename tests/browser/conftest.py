@@ -8,27 +8,24 @@ Screenshots are kept in CAGESDF_SCREENSHOTS, or in pytest's temporary folder.
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from playwright.sync_api import Browser, ViewportSize, sync_playwright
 
-from cagesdf.api.sources import imported
+from cagesdf.api.sources import IMPORT
 from cagesdf.demo import DEMO
 from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
-from tests.support.chromium import FLAGS, chromium
+from tests.support.chromium import FLAGS, SELDOM, chromium
 from tests.support.page import PATIENCE, EditorPage
 
 WIDE = ViewportSize(width=1280, height=800)
 NARROW = ViewportSize(width=860, height=800)  # both panels, and little of the view, which software draws slowly
 OFTEN = "void 0"  # the page draws as often as it can
-# Software draws a frame in a good part of a second: at most two a second leave the cores to everything else.
-SELDOM = """const draw = requestAnimationFrame.bind(window), drop = clearTimeout.bind(window);
-window.requestAnimationFrame = frame => setTimeout(() => draw(frame), 500);
-window.cancelAnimationFrame = drop;"""
 
 
 @pytest.fixture(scope="session")
@@ -47,7 +44,9 @@ def editor() -> Iterator[Editor]:
     """The demo, at an address of its own."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    demo = opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
+    usual = usual_settings()
+    quick = replace(usual, inference=replace(usual.inference, tried=4, starts=1, code_steps=20, residual_steps=60))
+    demo = opened(DEMO / "run", None, DEMO / "programs", None, IMPORT, quick)
     with serving({"demo": demo, "again": demo}, "127.0.0.1", 0, 2) as running:
         yield running
     torch.set_num_threads(threads)

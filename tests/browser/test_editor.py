@@ -206,8 +206,10 @@ def _nearest_face(cage: Cage, part: str, camera: Camera) -> tuple[int, int]:
     return max(faces)[1:]
 
 
-def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session: Session, tmp_path: Path) -> None:
-    page = visit()
+def test_the_style_changes_the_surface_and_not_the_cuboids(
+    visit_narrow: Visit, session: Session, tmp_path: Path
+) -> None:
+    page = visit_narrow()
     before = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
@@ -223,9 +225,9 @@ def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session
 
 
 def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_to_the_last_bit(
-    visit: Visit, session: Session, tmp_path: Path
+    visit_narrow: Visit, session: Session, tmp_path: Path
 ) -> None:
-    page = visit()
+    page = visit_narrow()
     state, before = state_of(session, page), page.settled()
     legs = {name for part, name in part_names(state.structure).items() if state.structure.labels()[part] == "leg"}
     other = next(
@@ -268,9 +270,9 @@ def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_t
 
 
 def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_the_same(
-    visit: Visit, session: Session, tmp_path: Path
+    visit_narrow: Visit, session: Session, tmp_path: Path
 ) -> None:
-    page = visit()
+    page = visit_narrow()
     opened = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
@@ -286,14 +288,14 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     assert trimesh.load_mesh(mesh).is_watertight
     edit(DEMO / "run", page.value("Shape"), script, tmp_path / "command.ply")
     assert (tmp_path / "command.ply").read_bytes() == mesh.read_bytes()
-    other = visit()
+    other = visit_narrow()
     other.tab("File")
     other.upload("Load script", "script.json", script.read_bytes())
     other.until(lambda: other.surface == after, "the surface of the script")
 
 
-def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is_left(visit: Visit) -> None:
-    page = visit()
+def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is_left(visit_narrow: Visit) -> None:
+    page = visit_narrow()
     before, opened = page.settled(), page.value("Shape")
     page.tab("Style")
     page.until(lambda: page.drawn_tile(opened), "a picture of the style")
@@ -324,8 +326,8 @@ def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is
     page.refused("nothing to take back")
 
 
-def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tmp_path: Path) -> None:
-    page = visit()
+def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit_narrow: Visit, tmp_path: Path) -> None:
+    page = visit_narrow()
     before = page.settled()
     page.tab("File")
     parts = {"seat": ([400, 40, 400], [1000, 400, 0]), "back": ([400, 500, 40], [1000, 670, -180])}
@@ -436,9 +438,9 @@ def test_the_list_selects_without_changing_the_surface_s_colours_and_keys_copy_d
 
 
 def test_a_higher_seat_takes_legs_along_and_what_can_not_be_is_said_until_it_is_dismissed(
-    visit: Visit, session: Session, tmp_path: Path
+    visit_narrow: Visit, session: Session, tmp_path: Path
 ) -> None:
-    page = visit()
+    page = visit_narrow()
     before, state = page.settled(), state_of(session, page)
     page.select("leg_1")
     length = page.numbers(LENGTHS)[1]

@@ -109,7 +109,10 @@ def test_a_given_program_needs_no_generator_and_all_shapes_have_its_cuboids(comm
         sizes = np.array(entry["cuboids"])[:, 12:]
         np.testing.assert_allclose(sizes / sizes.max(), execute(read_program(out / entry["structure"])).size / 0.5)
         scene = trimesh.load_scene(out / entry["mesh"])
-        assert len(scene.geometry) >= 2
+        names = entry["part_names"]
+        assert len({*names}) == len(names) == len(entry["part_ids"])
+        assert {*names} != {*entry["part_ids"]}, "the program's own names"
+        assert {f"parts/{name}" for name in names} <= scene.geometry.keys()
 
 
 def test_an_arm_without_cuboids_makes_whole_shapes_and_takes_no_options_about_them(

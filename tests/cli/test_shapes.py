@@ -49,21 +49,50 @@ def test_they_import_as_the_pipeline_does_with_own_data() -> None:
 SINGLE = "parts found, 1: the file has a single group"
 
 
-def test_check_has_a_line_for_every_shape_and_complains_of_the_rejected(command: Command, tmp_path: Path) -> None:
+def test_check_has_a_line_for_every_shape_a_sentence_and_complains_of_the_rejected(
+    command: Command, tmp_path: Path
+) -> None:
     write_shapes(tmp_path)
+    command.on_terminal()
     assert command.complaint("check", tmp_path) == "cagesdf: 1 of 3 shapes rejected"
     lines = command.capsys.readouterr().out.splitlines()
     assert lines[0].startswith("bad: rejected: ")
     assert "seat.obj, line 2" in lines[0]
-    assert lines[1:] == ["holed: repaired 1 capped of 2 parts", f"sound: passed; {SINGLE}"]
+    assert lines[1:] == [
+        "holed: repaired 1 capped of 2 parts",
+        f"sound: passed; {SINGLE}",
+        "3 shapes: 2 can be used, 1 rejected",
+    ]
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_check_gives_programs_one_object(command: Command, tmp_path: Path, terminal: bool) -> None:
+    write_shapes(tmp_path)
+    if terminal:
+        command.on_terminal()
+    assert command.complaint("check", tmp_path, *["--json"] * terminal) == "cagesdf: 1 of 3 shapes rejected"
+    result = json.loads(command.capsys.readouterr().out)
+    assert (result["usable"], result["rejected"], result["notes"]) == (2, 1, [])
+    assert [(shape["id"], shape["usable"]) for shape in result["shapes"]] == [
+        ("bad", False), ("holed", True), ("sound", True)
+    ]  # fmt: skip
+    assert result["shapes"][1]["verdict"] == "repaired 1 capped of 2 parts"
+
+
+def checked(command: Command, *words: object) -> list[str]:
+    """Lines for people, without the sentence at the end."""
+    command.on_terminal()
+    *lines, sentence = command("check", *words).splitlines()
+    assert sentence.endswith("can be used, 0 rejected")
+    return lines
 
 
 def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command, tmp_path: Path) -> None:
     write_shapes(tmp_path / "all")
     write_ply(tmp_path / "one.ply", BOX)
-    out = command("check", tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
-    assert out.splitlines() == [f"one: passed; {SINGLE}", f"seat: passed; {SINGLE}"]
-    assert command("check", tmp_path / "all", "--include", "[hs]o*").splitlines() == [
+    out = checked(command, tmp_path / "one.ply", tmp_path / "all" / "sound" / "seat.obj")
+    assert out == [f"one: passed; {SINGLE}", f"seat: passed; {SINGLE}"]
+    assert checked(command, tmp_path / "all", "--include", "[hs]o*") == [
         "holed: repaired 1 capped of 2 parts",
         f"sound: passed; {SINGLE}",
     ]
@@ -72,7 +101,7 @@ def test_check_takes_files_and_the_shapes_of_a_folder_that_fit(command: Command,
 def test_check_says_what_is_no_shape_and_takes_each_lone_mesh_for_one(command: Command, tmp_path: Path) -> None:
     for name in ("a.ply", "b.stl", "c.off"):
         write_ply(tmp_path / name, BOX)
-    lines = command("check", tmp_path).splitlines()
+    lines = checked(command, tmp_path)
     assert lines[0].startswith("not read: c.off; ")
     assert lines[1].startswith("each mesh file is a shape; ")
     assert lines[2:] == [f"a: passed; {SINGLE}", f"b: repaired 1 merged of 1 parts; {SINGLE}"]
@@ -85,7 +114,7 @@ def test_parts_writes_a_file_that_an_import_prefers_and_a_picture(command: Comma
     assert (told["components"], told["parts"]) == (2, 2)
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["chair.glb", "chair.parts.json"]
     (tmp_path / "out" / "chair.parts.json").rename(tmp_path / "in" / "chair.parts.json")
-    assert command("check", tmp_path / "in") == "chair: passed; parts written, 2: a file beside the mesh has them\n"
+    assert checked(command, tmp_path / "in") == ["chair: passed; parts written, 2: a file beside the mesh has them"]
     assert "is there already" in command.complaint("parts", tmp_path / "in" / "chair.ply", tmp_path / "out")
 
 
@@ -114,7 +143,8 @@ def test_check_says_each_shape_as_it_is_done(
     write_shapes(tmp_path)
     said: list[str] = []
     seen: list[int] = []
-    monkeypatch.setattr("builtins.print", lambda text, flush: said.append(text))
+    command.on_terminal()
+    monkeypatch.setattr("builtins.print", lambda text, end="\n", flush=False: said.append(text) if text else None)
     read = sources.read_shape
 
     def seeing(source: ShapeSource) -> RawShape:
@@ -134,14 +164,14 @@ def test_check_wants_something_that_is_there(command: Command, text: list[str]) 
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real furniture")
 def test_all_real_furniture_is_accounted_for(command: Command) -> None:
-    lines = command("check", SHARED / "ikea").splitlines()
-    assert [line.split(":")[0] for line in lines] == sorted(path.name for path in (SHARED / "ikea").iterdir())
-    assert sum("rejected" not in line for line in lines) >= 34
+    shapes = json.loads(command("check", SHARED / "ikea"))["shapes"]
+    assert [shape["id"] for shape in shapes] == sorted(path.name for path in (SHARED / "ikea").iterdir())
+    assert sum(shape["usable"] for shape in shapes) >= 34
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real furniture")
 def test_a_partnet_shape_is_one_shape(command: Command) -> None:
-    assert command("check", SHARED / "partnet/3763").splitlines() == ["3763: repaired 3 capped of 3 parts"]
+    assert checked(command, SHARED / "partnet/3763") == ["3763: repaired 3 capped of 3 parts"]
 
 
 def test_points_that_are_too_coarse_for_their_place_are_refused(command: Command, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cagesdf.api.sources import imported
+from cagesdf.api.sources import IMPORT
 from cagesdf.demo import DEMO
 from cagesdf.editing.document import Document
 from cagesdf.editing.script import MAX_OPERATIONS, Move, Redo, Resize, Style, Swap, Undo, dump, parse
@@ -45,6 +45,7 @@ def test_the_saved_script_gives_the_same_state_to_the_last_bit(operations: list)
             continue  # nothing to take back: the document is the one from before
     again = opened(session).continued(parse(dump(document.script)), session.styles)
     same(document, again)
+    same(document, opened(session).continued(document.done, session.styles))
     same(document.reset(), opened(session))
     assert document.reset().script == ()
 
@@ -64,6 +65,18 @@ def test_undo_and_redo_stand_in_the_script(session: Session) -> None:
     same(back, opened(session))
     same(back.redone(session.styles), document)
     assert [operation.op for operation in back.redone(session.styles).script] == ["move", "undo", "redo"]
+
+
+def test_operations_that_were_taken_back_are_not_done(session: Session) -> None:
+    styles = session.styles
+    document = opened(session).then(MOVES[0], styles).then(MOVES[2], styles)
+    back = document.undone(styles).undone(styles)
+    assert back.done == ()
+    assert back.redone(styles).done == MOVES[:1]
+    other = back.redone(styles).then(MOVES[1], styles)
+    assert other.done == MOVES[:2]
+    again = opened(session).continued(other.done, styles)
+    same(again, other)
 
 
 def test_what_can_t_be_done_leaves_the_document_as_it_was(session: Session) -> None:
@@ -86,7 +99,7 @@ def test_a_script_ends_where_files_end(session: Session) -> None:
 
 
 def test_the_demo_opens_and_gives_a_closed_surface_and_is_small() -> None:
-    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None, imported, usual_settings())
+    opened = opening.opened(DEMO / "run", None, DEMO / "programs", None, IMPORT, usual_settings())
     assert is_closed(opened.session.live(48).surface(opened.session.opened(opened.first)).mesh)
     assert opened.generator is not None
     assert sum(path.stat().st_size for path in DEMO.rglob("*") if "__pycache__" not in path.parts) <= 4_000_000

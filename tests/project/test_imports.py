@@ -42,7 +42,8 @@ ALLOWED = {
     | {"seeds", "editing", "extraction", "cage_generation", "shape_generation", "inference"}
     | {"formats", "importing", "io", "rendering", "demo"},
     "viewing": RECORDS
-    | {"editing", "cage_generation", "shape_generation", "inference", "formats", "io", "extraction", "rendering"},
+    | {"editing", "cage_generation", "shape_generation", "inference", "formats", "parts", "importing"}
+    | {"io", "extraction", "rendering"},
     "report": RECORDS | {"rendering", "evaluation", "deformation", "io"},
 }
 # Inside geometry/: a file, and those of the others that it may import.

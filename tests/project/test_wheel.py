@@ -88,7 +88,8 @@ def test_shapes_are_edited_checked_and_measured_elsewhere(site: Path, tmp_path: 
     )
     assert json.loads(edit.stdout)["closed"], edit.stderr
     assert trimesh.load_mesh(tmp_path / "a.ply").is_watertight
-    assert output(site, tmp_path, "check", "shapes").stdout == "box: passed\n"
+    [shape] = json.loads(output(site, tmp_path, "check", "shapes").stdout)["shapes"]
+    assert shape == {"id": "box", "usable": True, "verdict": "passed"}
     assert output(site, tmp_path, "sdf", "shapes/box", "points.npy", "distances.npy").returncode == 0
     np.testing.assert_allclose(np.load(tmp_path / "distances.npy")[1], 0.5, atol=1e-6)
 

@@ -14,6 +14,10 @@ class Command:
         self.capsys = capsys
         self.monkeypatch = monkeypatch
 
+    def on_terminal(self) -> None:
+        """From here on standard output is a terminal."""
+        self.monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+
     def __call__(self, *arguments: object) -> str:
         """Standard output of a run that must succeed."""
         self.monkeypatch.setattr(sys, "argv", ["cagesdf", *map(str, arguments)])

@@ -156,6 +156,11 @@ class EditorPage:
         self.page.get_by_role("button", name=re.compile(rf"^(▸ )?{re.escape(part)}$")).click()
         self.until(lambda: self.status == f"selected: {part}", f"{part} selected")
 
+    def dismiss(self) -> None:
+        """Close all notices."""
+        for notice in self.page.locator("button.mantine-Notification-closeButton").all():
+            notice.click()
+
     def drawn_tile(self, name: str) -> bool:
         """Whether there is a picture above a name that can be clicked: more than a blank one."""
         tile = self.page.locator("button", has=self.page.locator("img.tile")).filter(has_text=re.compile(f"^{name}$"))

@@ -10,9 +10,12 @@ from cagesdf.editing.script import Move, Style
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
 from cagesdf.geometry.meshes import Mesh
+from cagesdf.shape import GIVEN, RawShape
+from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.viewing import drafts as module
 from cagesdf.viewing.drafts import DAY, MOST, Drafts, Entry, Page, is_token, new_token
 from cagesdf.viewing.shelf import Shelf
+from cagesdf.viewing.uploads import Upload
 
 MOVE = Move(part="seat", by=(0.0, 0.01, 0.0))
 ANNA, BERT = new_token(), new_token()
@@ -36,9 +39,9 @@ def drafts(clock: Clock) -> Drafts:
     return Drafts(clock)
 
 
-def entry(session: Session, name: str = "a", moves: int = 1, truth: Mesh | None = None) -> Entry:
+def entry(session: Session, name: str = "a", moves: int = 1, upload: Upload | None = None) -> Entry:
     first = Document.opened("a", session.opened("a")).named(name)
-    return Entry(first, first.continued((MOVE,) * moves, session.styles), truth, first)
+    return Entry(first, first.continued((MOVE,) * moves, session.styles), upload, first)
 
 
 def shelf(session: Session, page: Page | None = None) -> Shelf:
@@ -95,9 +98,10 @@ def test_the_oldest_go_where_there_are_too_many_or_they_are_too_large(
     for number in range(MOST + 3):
         drafts.keep(ANNA, 0, "run", entry(session, str(number)))
     assert names(drafts.of(ANNA)) == [str(number) for number in reversed(range(3, MOST + 3))]
-    large = Mesh(np.zeros((1000, 3)), np.zeros((0, 3), np.int32))
+    raw = RawShape("large", "train", (), PartHierarchy.flat(("a",), ("",), ""))
+    large = Upload("large.obj", raw, Mesh(np.zeros((1000, 3)), np.zeros((0, 3), np.int32)), GIVEN)
     monkeypatch.setattr(module, "MOST_BYTES", 25_000)
-    drafts.keep(BERT, 1, "run", entry(session, "large", truth=large))
+    drafts.keep(BERT, 1, "run", entry(session, "large", upload=large))
     assert names(drafts.of(BERT)) == ["large"]
     assert sum(draft.bytes for browser in (ANNA, BERT) for draft in drafts.of(browser).values()) <= 25_000
 

@@ -5,6 +5,7 @@ import socket
 from collections.abc import Iterator
 from email.message import Message
 from functools import partial
+from pathlib import Path
 from urllib.request import Request, urlopen
 
 import pytest
@@ -101,6 +102,15 @@ def test_a_place_that_can_not_be_listened_at_is_refused_before_anything_waits(
 @pytest.mark.parametrize("options", [("--port", "70000"), ("--host", "203.0.113.7")])
 def test_the_command_says_so_in_one_line_with_status_one(command: Command, options: tuple[str, str]) -> None:
     assert command.complaint("view", "--demo", *options).startswith(f"cagesdf: {' '.join(options)}")
+
+
+def test_a_folder_that_is_no_run_is_called_so_and_not_by_a_file_that_it_lacks(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for folder in (tmp_path / "nope", tmp_path / "empty"):
+        complaint = command.complaint("view", folder)
+        assert complaint.startswith(f"cagesdf: {folder}: ")
+        assert "wanted a run, a folder that the train stage wrote" in complaint
+        assert "is missing" not in complaint
 
 
 def page_of(server: Server, cookie: str = "") -> Message:
