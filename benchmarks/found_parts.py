@@ -8,7 +8,8 @@ FOLDERs whose groups, nodes and files are the parts. Each is taken with its part
 joined into one mesh, whose parts are found. Both go the way of the stages with the default parameters (targets: scaled
 copies where a shape has no partner), for as many steps, and are measured at 128 cells: source shapes beside their given
 parts, and beside the parts that they were trained on, which may have been repaired in another way; swaps (cuboids of
-one shape, style of another) beside the recipe's surface: the gain; edits of single cuboids beside the deformed parts.
+one shape, style of another) beside the parts warped from the given cuboids, as a gain; edits of single cuboids beside
+the deformed parts.
 Artefacts are left in WORK, where those that are there are used. Prints a Markdown table.
 """
 
@@ -49,7 +50,7 @@ POINTS = 20_000
 DETAIL = 0.005
 LOCAL = 2  # edits of each of EDITED shapes
 EDITED = 8
-SWAPPED = "swap"
+SWAPPED = "warp"  # swaps beside what deformation sequences teach
 COLUMNS = (
     "shapes", "parts", "a shape", "distance, %", "median", "worst", "signed normals", "beside own parts",
     "local edits, %", "swap gain: median, mean",

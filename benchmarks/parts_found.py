@@ -46,7 +46,7 @@ SURFACE = 10_000  # points
 GRID = 40  # cells along each axis
 HULLS = 16
 CHEAP = {"preprocess_mode": "off", "resolution": 1000, "mcts_nodes": 10, "mcts_iterations": 60, "mcts_max_depth": 2}
-MAX_FACES = 60_000  # of a stranger's shape
+MAX_FACES = 100_000  # of a stranger's shape
 
 
 @dataclass(frozen=True, eq=False)
