@@ -89,7 +89,8 @@ def spread(items: Sequence[T], count: int) -> list[T]:
 
 
 def found(mesh: Mesh) -> list[np.ndarray]:
-    return [part.vertices for part in overlapping([part.mesh for part in find_parts(mesh, WELD, THIN).parts])]
+    parts = [part.mesh for part in find_parts(mesh, WELD, THIN).parts]
+    return [part.vertices for part in overlapping(parts, WELD)]
 
 
 def one_a_component(mesh: Mesh) -> list[np.ndarray]:

@@ -109,7 +109,7 @@ def _found(
             found = parts_as_written(join(meshes), raw.written, similarity, weld, min_thickness)
             reason = "a file beside the mesh has them"
         kind = "found" if raw.written is None else "written"
-        solids = overlapping([part.mesh for part in found.parts])
+        solids = overlapping([part.mesh for part in found.parts], weld)
         continued = (replace(part, mesh=solid) for part, solid in zip(found.parts, solids))
         parts = tuple(_found_part(found, part, weld, min_thickness) for part in continued)
         return Origin(kind, reason, len(found.components), found.boxes), parts

@@ -14,9 +14,9 @@ from numpy import ndarray
 
 from cagesdf.cage_fitting.boxes import fit_cuboid
 from cagesdf.geometry.distance import SurfaceDistance
-from cagesdf.geometry.meshes import Mesh, face_normals, sample_surface
+from cagesdf.geometry.meshes import Mesh, face_normals, is_closed, join, sample_surface, weld
 from cagesdf.geometry.solid import as_manifold, from_manifold
-from cagesdf.parts.cutting import ASIDE, MIN_SIZE, SLACK, hull_points
+from cagesdf.parts.cutting import ASIDE, CRUMB, MIN_SIZE, SLACK, hull_points
 
 REACH = 0.01  # canonical units: how far a part is continued; several times the error of a learnt surface
 CONTACT = 5 * ASIDE  # canonical units: surfaces of two parts that are nearer touch
@@ -54,10 +54,11 @@ class _Body:
         return bool((self.low <= other.high + CONTACT).all() and (other.low <= self.high + CONTACT).all())
 
 
-def overlapping(meshes: list[Mesh]) -> list[Mesh]:
+def overlapping(meshes: list[Mesh], tolerance: float) -> list[Mesh]:
     """The parts of a shape, closed and canonical, each continued by up to REACH into neighbours that it ends at.
 
-    Of two that touch the one is continued whose cuboid grows less. Parts that touch none come back as they are.
+    Of two that touch the one is continued whose cuboid grows less. Parts that touch none come back as they are, and so
+    do those that would have gaps if vertices nearer than `tolerance`, a canonical length, were one.
     """
     bodies = [_Body.of(mesh) for mesh in meshes]
     growths: list[list[manifold3d.Manifold]] = [[] for _ in bodies]
@@ -71,11 +72,20 @@ def overlapping(meshes: list[Mesh]) -> list[Mesh]:
                 owner = min(costs)[1]
                 growths[owner] += pieces[owner]
     return [
-        from_manifold(manifold3d.Manifold.batch_boolean([body.solid, *growth], manifold3d.OpType.Add))
-        if growth
-        else mesh
+        _with(mesh, [body.solid, *growth], tolerance) if growth else mesh
         for mesh, body, growth in zip(meshes, bodies, growths)
     ]
+
+
+def _with(mesh: Mesh, solids: list[manifold3d.Manifold], tolerance: float) -> Mesh:
+    """The union of a part and its pieces without crumbs, which lie where faces coincide; the part if that isn't closed.
+
+    A crumb has no thickness, and the repair would take all of the part for a sheet.
+    """
+    whole = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).simplify(tolerance)
+    least = CRUMB * whole.volume()
+    result = join([from_manifold(piece) for piece in whole.decompose() if abs(piece.volume()) > least])
+    return result if is_closed(result) and is_closed(weld(result, tolerance)) else mesh
 
 
 def _continued(body: _Body, neighbour: _Body) -> list[manifold3d.Manifold]:
