@@ -1,25 +1,26 @@
 """Fit of the cuboids of found parts to shapes that come as one mesh, beside other methods to get boxes.
 
     python -m benchmarks.parts_found [--shapes 6] [--ways found …] [--procedural chair …] [--united chair …]
-        [--whole FOLDER …] [--parts FOLDER …]
+        [--whole FOLDER[:GLOB] …] [--parts FOLDER[:GLOB] …] [--each]
 
 Shapes: procedural ones of `make repro`, their parts joined into one mesh, or united into one solid; mesh files in
 FOLDERs; with `--parts`, mesh files and folders of part meshes whose groups, nodes and files are the true parts, joined.
+Of more than `--shapes`, those are taken that lie at equal steps in the list of names, the same for all ways.
 Ways: `find_parts`; one box a component; CoACD and V-HACD (at most 16 hulls, a least box a hull) where `coacd` and
 `vhacdx` are installed; CoACD with its cheapest search, as the solids are closed already. Figures: volumetric IoU of all
 boxes together with the solid; volume of the boxes over that of the outer solid, with what is enclosed from five of six
 sides; share of the solid that is covered; share of the boxes' union that is in several of them; boxes, and how many
 there should be; mean IoU of true cuboids with the boxes they are matched to; mean IoU of true parts' surfaces with what
-lies in these; processor seconds. Prints a Markdown table of
-means.
+lies in these; processor seconds. Prints a Markdown table of means, with `--each` also a row for each shape.
 """
 
 import argparse
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -35,6 +36,9 @@ from cagesdf.geometry.solid import from_manifold, union
 from cagesdf.io.shapes import read_shapes
 from cagesdf.parts.components import components
 from cagesdf.parts.finding import find_parts
+from cagesdf.parts.overlapping import overlapping
+
+T = TypeVar("T")
 
 WELD, THIN = 1e-5, 1e-4
 POINTS = 40_000
@@ -42,42 +46,51 @@ SURFACE = 10_000  # points
 GRID = 40  # cells along each axis
 HULLS = 16
 CHEAP = {"preprocess_mode": "off", "resolution": 1000, "mcts_nodes": 10, "mcts_iterations": 60, "mcts_max_depth": 2}
-MAX_FACES = 60_000  # of a stranger's shape
+MAX_FACES = 100_000  # of a stranger's shape
 
 
 @dataclass(frozen=True, eq=False)
 class Item:
     """A shape as one mesh."""
 
+    name: str
     mesh: Mesh  # canonical
     true: list[Mesh] | None  # its parts, where they are known
 
 
 def procedural(category: str, count: int, unite: bool) -> Iterator[Item]:
     shapes = read_shapes(Path("data/shapes") / category)
-    for shape_id in shapes.ids[:count]:
+    for shape_id in spread(shapes.ids, count):
         meshes = [part.mesh for part in shapes.read(shape_id).parts]
-        yield Item(union(meshes) if unite else join(meshes), meshes)
+        yield Item(shape_id, union(meshes) if unite else join(meshes), meshes)
 
 
-def strangers(folder: Path, count: int, has_parts: bool) -> Iterator[Item]:
-    left = count
-    for source in list_shapes(folder, "*"):
+def strangers(place: str, count: int, has_parts: bool) -> Iterator[Item]:
+    folder, _, glob = place.partition(":")
+    items = []
+    for source in list_shapes(Path(folder), glob or "*"):
         try:
             raw = read_shape(source)
         except ShapeRejected:
             continue
         mesh = join([part.mesh for part in raw.parts])
-        if left == 0 or len(mesh.faces) > MAX_FACES:
+        if len(mesh.faces) > MAX_FACES:
             continue
-        left -= 1
         similarity = canonical_similarity(mesh.vertices, "y")
         parts = [part.mesh.with_vertices(similarity.to_canonical(part.mesh.vertices)) for part in raw.parts]
-        yield Item(join(parts), parts if has_parts else None)
+        items.append(Item(source.shape_id, join(parts), parts if has_parts else None))
+    yield from spread(items, count)
+
+
+def spread(items: Sequence[T], count: int) -> list[T]:
+    """`count` items at equal steps, or all."""
+    places = np.linspace(0, len(items) - 1, min(count, len(items)))
+    return [items[round(place)] for place in places.tolist()]
 
 
 def found(mesh: Mesh) -> list[np.ndarray]:
-    return [part.mesh.vertices for part in find_parts(mesh, WELD, THIN).parts]
+    parts = [part.mesh for part in find_parts(mesh, WELD, THIN).parts]
+    return [part.vertices for part in overlapping(parts, WELD)]
 
 
 def one_a_component(mesh: Mesh) -> list[np.ndarray]:
@@ -169,8 +182,9 @@ def main() -> None:
     parser.add_argument("--ways", nargs="*", choices=WAYS, default=[*WAYS])
     parser.add_argument("--procedural", nargs="*", default=[])
     parser.add_argument("--united", nargs="*", default=[])
-    parser.add_argument("--whole", type=Path, nargs="*", default=[])
-    parser.add_argument("--parts", type=Path, nargs="*", default=[])
+    parser.add_argument("--whole", nargs="*", default=[])
+    parser.add_argument("--parts", nargs="*", default=[])
+    parser.add_argument("--each", action="store_true")
     options = parser.parse_args()
     methods = {name: WAYS[name] for name in options.ways}
     for rival in RIVALS & methods.keys():
@@ -180,8 +194,8 @@ def main() -> None:
     count = options.shapes
     sets = {f"{name}, joined": procedural(name, count, False) for name in options.procedural}
     sets |= {f"{name}, united": procedural(name, count, True) for name in options.united}
-    for has_parts, folders in ((False, options.whole), (True, options.parts)):
-        sets |= {f"{folder.parent.name}/{folder.name}": strangers(folder, count, has_parts) for folder in folders}
+    for has_parts, places in ((False, options.whole), (True, options.parts)):
+        sets |= {"/".join(place.split("/")[-2:]): strangers(place, count, has_parts) for place in places}
     print(
         "| shapes | way | n | IoU | boxes/outer | covered | overlap | boxes | true | box IoU | face IoU | s, median |"
     )
@@ -192,13 +206,16 @@ def main() -> None:
             try:
                 solid = union([from_manifold(one.solid) for one in components(item.mesh, WELD, THIN)])
             except (NotSolidError, InputError) as error:
-                print(f"left out: {error}")
+                print(f"left out: {item.name}: {error}")
                 continue
             for name, method in methods.items():
                 begun = time.process_time()
                 points = method(solid if name in RIVALS else item.mesh)
                 seconds = time.process_time() - begun
                 rows[name].append([*figures(solid, cage_of(points), item.true), seconds])
+                if options.each:
+                    row = " | ".join(f"{value:.3g}" for value in rows[name][-1])
+                    print(f"| {item.name} | {name} | 1 | {row} |", flush=True)
         for name, values in rows.items():
             table = np.array(values)
             *means, _ = table.mean(axis=0)

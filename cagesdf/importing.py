@@ -17,6 +17,7 @@ from cagesdf.geometry.solid import METHODS, Solid, make_solid, union
 from cagesdf.parts.choosing import doubt
 from cagesdf.parts.components import last_method
 from cagesdf.parts.finding import FoundPart, FoundParts, boxes_volume, find_parts, parts_as_written
+from cagesdf.parts.overlapping import overlapping
 from cagesdf.parts.relating import relations
 from cagesdf.shape import GIVEN, Origin, Part, RawPart, RawShape, Repair, Shape
 from cagesdf.structure.hierarchy import PartHierarchy
@@ -108,7 +109,9 @@ def _found(
             found = parts_as_written(join(meshes), raw.written, similarity, weld, min_thickness)
             reason = "a file beside the mesh has them"
         kind = "found" if raw.written is None else "written"
-        parts = tuple(_found_part(found, part, weld, min_thickness) for part in found.parts)
+        solids = overlapping([part.mesh for part in found.parts], weld)
+        continued = (replace(part, mesh=solid) for part, solid in zip(found.parts, solids))
+        parts = tuple(_found_part(found, part, weld, min_thickness) for part in continued)
         return Origin(kind, reason, len(found.components), found.boxes), parts
     except NotSolidError as error:
         raise ShapeRejected(raw.shape_id, STAGE, f"its surface {error}") from error

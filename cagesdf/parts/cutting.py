@@ -36,8 +36,10 @@ ANGLES = 12  # tried turns of a cuboid about an axis, within a right angle
 CRUMB = 1e-4  # share of a solid's volume that is no piece
 HOLLOW = 1.3  # outer volume over volume, above which a curved solid is a vessel
 HELD = 0.4  # share of its cuboid that a vessel's outer volume takes: a ball's is half
+CONVEX = 0.9  # share of its convex hull: a solid that fills more is one part, however little of its cuboid that is
 ROUND = 0.7  # share of a solid's area along the axes of its cuboid, below which it is curved
-VESSEL_GAIN = 0.1  # of the outer volume: a cut of a vessel that gains less isn't made
+VESSEL_GAIN = 0.1  # of the outer volume: a cut of a vessel that takes less off the cuboids isn't made
+BAY = 0.05  # of the outer volume: nor is one that takes less off the convex hulls, as a slice of a round body does
 GRID = 28  # cells along each axis, of the outer volume
 
 Plane = tuple[float, float, float, float]  # unit normal n and offset d: the plane n·x = d
@@ -58,6 +60,7 @@ class _Cut:
 
     solid: manifold3d.Manifold
     points: Float[ndarray, "v 3"]  # of its convex hull
+    hull: float  # volume of that
     box: float  # volume of its cuboid, about
     plane: Plane | None = None
     children: "list[_Cut]" = field(default_factory=list)
@@ -65,7 +68,7 @@ class _Cut:
     @staticmethod
     def of(solid: manifold3d.Manifold, axes: Float[ndarray, "3 3"]) -> "_Cut":
         points = hull_points(solid)
-        return _Cut(solid, points, box_about(points, axes)[0])
+        return _Cut(solid, points, solid.hull().volume(), box_about(points, axes)[0])
 
     def leaves(self) -> "list[_Cut]":
         return [leaf for child in self.children for leaf in child.leaves()] if self.children else [self]
@@ -113,19 +116,20 @@ def cut(solid: manifold3d.Manifold, plane: Plane) -> list[tuple[manifold3d.Manif
 def fragments(solid: manifold3d.Manifold, component: int, price: float) -> list[Fragment]:
     """The pieces of a component, cut where that pays: `price` is the volume that one more cuboid must save.
 
-    A curved, hollow component, as a vessel is, is only cut where that
-    takes VESSEL_GAIN of its outer volume off: handles and spouts, never its wall.
+    A nearly convex component, as a ball or a cone is, stays whole: its cuboid holds much air, but no place in it is an
+    end of a part. A curved, hollow component, as a vessel is, is only cut where that takes VESSEL_GAIN of its outer
+    volume off the cuboids and BAY off the convex hulls: handles and spouts, never its wall.
     """
     coarse = _coarse(solid)
     points = hull_points(coarse)
     cuboid = fit_cuboid(points, SLACK, MIN_SIZE)
-    root, axes = _Cut(coarse, points, float(cuboid.size.prod())), cuboid.axes
+    root, axes = _Cut(coarse, points, coarse.hull().volume(), float(cuboid.size.prod())), cuboid.axes
     if root.box - solid.volume() > price and solid.volume() < FILLED * root.box:
         outer = _outer_volume(coarse, axes) if _is_curved(coarse, axes) else solid.volume()
         if outer > max(HOLLOW * solid.volume(), HELD * root.box):
-            _search(root, max(price, VESSEL_GAIN * outer), greedy=True)
-        else:
-            _search(root, price, greedy=False)
+            _search(root, max(price, VESSEL_GAIN * outer), BAY * outer)
+        elif solid.volume() < CONVEX * root.hull:
+            _search(root, price)
             _undo(root, price)
     return _made(root, Fragment(solid, component, ()))
 
@@ -142,8 +146,11 @@ def _coarse(solid: manifold3d.Manifold) -> manifold3d.Manifold:
     return coarse
 
 
-def _search(root: _Cut, price: float, greedy: bool) -> None:
-    """Cut the piece with the most empty space in its cuboid, CUTS times; `greedy`: only where each cut pays."""
+def _search(root: _Cut, price: float, bay: float | None = None) -> None:
+    """Cut the piece with the most empty space in its cuboid, CUTS times.
+
+    With `bay` only where each cut pays, and takes that volume off the convex hulls.
+    """
     waiting = [root]
     for _ in range(CUTS):
         waiting = [piece for piece in waiting if _is_worth_cutting(piece, price)]
@@ -151,8 +158,8 @@ def _search(root: _Cut, price: float, greedy: bool) -> None:
             return
         piece = max(waiting, key=lambda item: item.box - item.solid.volume())
         waiting.remove(piece)
-        best = _best_cut(piece, price)
-        if best is None or (greedy and _cost(best[1], price) >= piece.box + price):
+        best = _best_cut(piece, price, bay)
+        if best is None or (bay is not None and _cost(best[1], price) >= piece.box + price):
             continue
         piece.plane, piece.children = best
         waiting += piece.children
@@ -167,7 +174,7 @@ def _cost(pieces: Sequence[_Cut], price: float) -> float:
     return sum(piece.box + price for piece in pieces)
 
 
-def _best_cut(piece: _Cut, price: float) -> tuple[Plane, list[_Cut]] | None:
+def _best_cut(piece: _Cut, price: float, bay: float | None) -> tuple[Plane, list[_Cut]] | None:
     axes = fit_cuboid(piece.points, SLACK, MIN_SIZE).axes
     best: tuple[Plane, list[_Cut]] | None = None
     for plane in planes(piece.solid, axes):
@@ -175,6 +182,8 @@ def _best_cut(piece: _Cut, price: float) -> tuple[Plane, list[_Cut]] | None:
         if len(sides) < 2:
             continue
         pieces = [_Cut.of(solid, axes) for solid, _ in sides]
+        if bay is not None and piece.hull - sum(side.hull for side in pieces) < bay:
+            continue
         if best is None or _cost(pieces, price) < _cost(best[1], price) - 1e-9 * price:
             best = plane, pieces
     return best

@@ -120,9 +120,12 @@ def test_the_parts_together_are_the_shape_and_each_is_closed(joined) -> None:
 def test_a_shape_that_is_turned_moved_and_scaled_has_the_same_parts(turning, scale) -> None:
     whole = union(list(chair_parts().values()))
     turned = scale * whole.vertices @ Rotation.from_rotvec(turning).as_matrix().T + scale * np.array([3.0, -2.0, 5.0])
-    shape = import_shape(raw_file({"all": whole.with_vertices(turned)}), "y", **LIMITS, parts="auto")
-    found = np.array(volumes([part.mesh for part in shape.parts])) / (shape.similarity.scale * scale) ** 3
-    np.testing.assert_allclose(found, volumes(found_meshes(whole)), rtol=5e-3)
+
+    def sizes(mesh: Mesh, unit: float) -> np.ndarray:
+        shape = import_shape(raw_file({"all": mesh}), "y", **LIMITS, parts="auto")
+        return np.array(volumes([part.mesh for part in shape.parts])) / (shape.similarity.scale * unit) ** 3
+
+    np.testing.assert_allclose(sizes(whole.with_vertices(turned), scale), sizes(whole, 1), rtol=5e-3)
 
 
 @settings(max_examples=4, deadline=None)
@@ -168,6 +171,18 @@ def test_a_cut_keeps_the_volume_but_for_crumbs_and_its_sides_are_where_they_say(
 def test_a_solid_that_fills_its_cuboid_is_not_cut() -> None:
     assert len(fragments(as_manifold(toy.box([0, 0, 0], [1, 2, 3])), 0, 0.1)) == 1
     assert len(fragments(as_manifold(toy.rod([0, 0, 0], [0, 0, 1], 0.1, 1.0)), 0, 0.001)) == 1
+
+
+def test_what_is_nearly_convex_and_round_vessels_are_one_part_and_what_is_bent_is_not() -> None:
+    import manifold3d
+
+    ball = manifold3d.Manifold.sphere(0.5, 48)
+    bowl = ball - manifold3d.Manifold.sphere(0.42, 48) - as_manifold(toy.box([0, 0, 0.45], [1, 1, 0.3]))
+    wedge = manifold3d.Manifold.hull_points(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]))
+    for solid in (ball, bowl, wedge):
+        assert len(fragments(solid, 0, 0.02 * solid.volume())) == 1
+    bent = as_manifold(union([toy.box([0, 0, 0], [1, 0.2, 0.2]), toy.box([0.4, 0.5, 0], [0.2, 1, 0.2])]))
+    assert len(fragments(bent, 0, 0.02 * bent.volume())) == 2
 
 
 def test_a_component_within_another_and_a_face_that_came_twice_make_no_component() -> None:
