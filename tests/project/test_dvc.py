@@ -44,14 +44,23 @@ def test_a_list_names_what_a_stage_imports_and_nothing_else(tmp_path: Path) -> N
 
 
 def test_importing_a_stage_loads_no_file_that_its_list_lacks() -> None:
-    for stage in STAGES:
-        found = subprocess.run(
-            [sys.executable, "-c", f"import sys, stages.{stage}; print(*(getattr(m, '__file__', '') for m in "
-             "list(sys.modules.values())), sep='\\n')"],
-            cwd=ROOT, capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        loaded = {Path(line) for line in found.stdout.splitlines() if line.startswith(str(ROOT / "cagesdf"))}
-        names = {path.relative_to(ROOT).as_posix() for path in loaded if path.name != "__init__.py"}
+    """In one process, which loads the project's modules anew for each stage, and the libraries once."""
+    script = (
+        "import sys; from importlib import import_module\n"
+        "for stage in sys.argv[1:]:\n"
+        "    for name in [n for n in sys.modules if n.split('.')[0] in ('cagesdf', 'pipeline', 'stages')]:\n"
+        "        del sys.modules[name]\n"
+        "    import_module('stages.' + stage)\n"
+        "    files = [getattr(module, '__file__', None) or '' for module in [*sys.modules.values()]]\n"
+        f"    print(stage, *(f for f in files if f.startswith({str(ROOT / 'cagesdf')!r})), sep='|')\n"
+    )
+    command = [sys.executable, "-c", script, *STAGES]
+    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {stage: files for stage, *files in (line.split("|") for line in found.stdout.splitlines())}
+    assert [*loaded] == STAGES
+    for stage, files in loaded.items():
+        names = {Path(file).relative_to(ROOT).as_posix() for file in files if Path(file).name != "__init__.py"}
+        assert len(names) > 5
         assert names <= set(library.used(ROOT / "stages" / f"{stage}.py"))
 
 
