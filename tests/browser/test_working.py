@@ -2,6 +2,7 @@
 
 import io
 import re
+import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -13,9 +14,12 @@ from playwright.sync_api import Browser, Dialog, Locator
 
 from cagesdf.demo import DEMO
 from cagesdf.editing.script import Style, dump
-from cagesdf.editing.session import Session
+from cagesdf.editing.session import Live, Session
+from cagesdf.editing.state import State
+from cagesdf.extraction import Each
 from cagesdf.formats.obj import read_obj_groups
 from cagesdf.io.runs import read_run
+from cagesdf.viewing import drawing
 from cagesdf.viewing.keys import KEYS
 from cagesdf.viewing.scene import LOOKS
 from cagesdf.viewing.server import Editor
@@ -110,7 +114,15 @@ def test_a_direction_has_a_picture_of_both_ends(page: EditorPage) -> None:
     page.picture("directions")
 
 
-def test_long_work_says_how_far_it_is_and_is_cancelled_and_nothing_has_changed(page: EditorPage) -> None:
+def endless(state: State, live: Live, each: Each) -> int:
+    while True:
+        time.sleep(0.05)
+
+
+def test_long_work_says_how_far_it_is_and_is_cancelled_and_nothing_has_changed(
+    page: EditorPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drawing, "tears", endless)
     before, shape = page.settled(), page.value("Shape")
     page.tab("New")
     page.press("New shape")
@@ -126,7 +138,7 @@ def test_long_work_says_how_far_it_is_and_is_cancelled_and_nothing_has_changed(p
     page.press("Cancel: New shape")
     page.until(lambda: page.page.get_by_role("button", name="Cancel", exact=True).is_disabled(), "cancelled again")
     assert (page.surface, page.value("Shape")) == (before, shape)
-    assert page.page.locator("img.tile").count() == 9, "those of styles alone"
+    page.until(lambda: page.page.locator("img.tile").count() == 9, "the pictures of styles alone")
 
 
 def test_a_surface_in_pieces_is_warned_of_and_a_sound_one_isn_t(page: EditorPage) -> None:
