@@ -96,7 +96,7 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
     except ShapeRejected as error:
         raise InputError(f"{source}: rejected: {error.reason}") from error
     dissection = dissection.changed(list(change))
-    found = dissection.result
+    result = dissection.result
 
     def as_given(mesh: Mesh) -> Mesh:
         return mesh.with_vertices(dissection.placement.to_raw(mesh.vertices))
@@ -105,14 +105,14 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
     boxes = {
         name: as_given(Mesh(np.array(corners), CUBE_FACES)) for name, corners in zip(cage.part_ids, cage.corners())
     }
-    solids = {part.name: as_given(part.mesh) for part in found.parts}
+    solids = {part.name: as_given(part.mesh) for part in result.parts}
     with working("joining the parts"):
-        model = Model.of(as_given(union([part.mesh for part in found.parts])), solids, boxes)
+        model = Model.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
     with new_folder(out) as folder:
         write_model(folder / f"{raw.shape_id}.glb", model)
         text = written_json(dissection.written())
         (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
-    counts = {"components": len(found.components), "parts": len(found.parts), "boxes": round(found.boxes, 4)}
+    counts = {"components": len(result.components), "parts": len(result.parts), "boxes": round(result.boxes, 4)}
     tell({"out": str(out), **counts}, f"{out}: {counts['parts']} parts of {counts['components']} components", as_json)
 
 

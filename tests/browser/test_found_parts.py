@@ -25,9 +25,8 @@ BOXES = {"seat": ([400, 40, 400], [1000, 400, 0])} | {
 def stool() -> bytes:
     """One mesh without groups."""
     meshes = [trimesh.creation.box(extents).apply_translation(centre) for extents, centre in BOXES.values()]
-    content = io.StringIO()
-    trimesh.util.concatenate(meshes).export(content, file_type="obj")
-    return content.getvalue().encode()
+    content: str = trimesh.util.concatenate(meshes).export(file_type="obj")
+    return content.encode()
 
 
 def pinks(page: EditorPage) -> int:
@@ -49,7 +48,7 @@ def test_parts_that_are_found_are_merged_split_renamed_fitted_again_and_saved(
     page.tab("File")
     page.upload("Load parts", "stool.obj", (tmp_path / "stool.obj").read_bytes())
     page.page.get_by_text("5 cuboids found").wait_for()
-    found = page.settled(before)
+    first_fit = page.settled(before)
     assert [*page.parts] == [f"part_{number}" for number in range(1, 6)]
     page.tab("Found parts")
     page.control("Select several", "input").check()
@@ -92,7 +91,7 @@ def test_parts_that_are_found_are_merged_split_renamed_fitted_again_and_saved(
     page.refused("press Fit again")
     page.tab("Found parts")
     page.press("Fit again")
-    fitted = page.settled(found)
+    fitted = page.settled(first_fit)
     page.page.get_by_text("from the file's surface").wait_for()
     page.picture("fitted again")
     written = page.download("Save parts", tmp_path)

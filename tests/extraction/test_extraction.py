@@ -219,13 +219,13 @@ def test_vertices_lie_nearer_to_the_zero_set_than_between_lattice_points() -> No
 def test_a_part_that_fills_its_cuboid_is_that_box_and_nothing_more(axes: np.ndarray, decoder: Decoder) -> None:
     """Eight corners, twelve faces: also where the network is 0 on the faces, but for rounding."""
     cage = Cage.of({"plate": box([0.1, 0.2, 0.3], [0.8, 0.013, 0.5], axes)})
-    found = extract(field_of(decoder, LATENT, cage), 64)
-    assert found.mesh.vertices.shape == (8, 3)
-    assert found.mesh.faces.shape == (12, 3)
+    extraction = extract(field_of(decoder, LATENT, cage), 64)
+    assert extraction.mesh.vertices.shape == (8, 3)
+    assert extraction.mesh.faces.shape == (12, 3)
     corners = cage.corners()[0]
-    gap = np.abs(found.mesh.vertices[:, None] - corners).max(axis=2)
+    gap = np.abs(extraction.mesh.vertices[:, None] - corners).max(axis=2)
     assert gap.min(axis=1).max() == pytest.approx(0, abs=0 if axes is np.eye(3) else 1e-15)
-    assert found.clipped == (0 if isinstance(decoder, Filling) else 1)
+    assert extraction.clipped == (0 if isinstance(decoder, Filling) else 1)
 
 
 def test_faces_of_marching_cubes_on_a_cuboid_lie_on_it_exactly_and_have_an_area() -> None:
@@ -262,15 +262,15 @@ def test_a_plate_thinner_than_a_cell_keeps_its_volume() -> None:
 
 
 def test_a_network_that_says_outside_everywhere_gives_no_face() -> None:
-    found = extract(field_of(Analytic(lambda p: np.ones(len(p))), LATENT, touching()), 32)
-    assert found.mesh.vertices.shape == found.mesh.faces.shape == (0, 3)
-    assert {part: len(mesh.faces) for part, mesh in found.parts.items()} == {"seat": 0, "leg": 0}
-    assert found.clipped == found.components == 0
+    extraction = extract(field_of(Analytic(lambda p: np.ones(len(p))), LATENT, touching()), 32)
+    assert extraction.mesh.vertices.shape == extraction.mesh.faces.shape == (0, 3)
+    assert {part: len(mesh.faces) for part, mesh in extraction.parts.items()} == {"seat": 0, "leg": 0}
+    assert extraction.clipped == extraction.components == 0
 
 
 def test_a_cage_without_cuboids_gives_nothing() -> None:
-    found = extract(CageField(Filling(), torch.zeros(0, 4), Cage.of({})), 32)
-    assert (len(found.mesh.faces), len(found.parts), found.evaluations) == (0, 0, 0)
+    extraction = extract(CageField(Filling(), torch.zeros(0, 4), Cage.of({})), 32)
+    assert (len(extraction.mesh.faces), len(extraction.parts), extraction.evaluations) == (0, 0, 0)
 
 
 def test_a_diverged_network_is_refused() -> None:
@@ -287,10 +287,10 @@ def test_nothing_counts_as_clipped_where_the_network_keeps_within_or_ends_at_the
 def test_half_of_a_sphere_that_sticks_out_of_its_cuboid_counts_as_clipped() -> None:
     ball = Analytic(lambda points: sphere_sdf(points, 0.5))
     cage = Cage.of({"half": box([0.25, 0, 0], [0.5, 1.2, 1.2])})
-    found = extract(field_of(ball, LATENT, cage), 64)
+    extraction = extract(field_of(ball, LATENT, cage), 64)
     # A third of the area is flat; marching cubes has 1.5 times as many vertices on the round part as on a flat one.
-    assert found.clipped == pytest.approx(1 / 4, rel=0.1)
-    assert signed_volume(found.mesh) == pytest.approx(2 / 3 * np.pi * 0.5**3, rel=0.01)
+    assert extraction.clipped == pytest.approx(1 / 4, rel=0.1)
+    assert signed_volume(extraction.mesh) == pytest.approx(2 / 3 * np.pi * 0.5**3, rel=0.01)
 
 
 def test_a_surface_that_leaves_the_cube_is_closed_there() -> None:
@@ -307,12 +307,12 @@ def test_the_union_of_overlapping_and_of_touching_boxes_has_their_volume() -> No
         ([2, 0, 0], 0.0),
     ):
         cage = Cage.of({"a": box([0, 0, 0], size), "b": box(shift, size)})
-        found = extract(field_of(Filling(), LATENT, cage), 40)
-        assert_sound(found.mesh)
-        assert signed_volume(found.mesh) == pytest.approx(2 * size.prod() - shared, rel=1e-9)
-        assert found.components == (2 if shift[0] == 2 else 1)
+        extraction = extract(field_of(Filling(), LATENT, cage), 40)
+        assert_sound(extraction.mesh)
+        assert signed_volume(extraction.mesh) == pytest.approx(2 * size.prod() - shared, rel=1e-9)
+        assert extraction.components == (2 if shift[0] == 2 else 1)
         for part in ("a", "b"):
-            assert signed_volume(found.parts[part]) == pytest.approx(size.prod(), rel=1e-12)
+            assert signed_volume(extraction.parts[part]) == pytest.approx(size.prod(), rel=1e-12)
 
 
 @given(seed=st.integers(0, 10**6))
@@ -322,13 +322,13 @@ def test_a_part_moves_with_its_cuboid(seed: int) -> None:
     rng = np.random.default_rng(seed)
     size = rng.uniform(0.2, 0.6, 3)
     bumpy = Local(lambda p: sphere_sdf(p, 0.8 * size.min() / 2) + 0.02 * np.sin(25 * p[:, 0]) * np.cos(19 * p[:, 2]))
-    found = []
+    surfaces = []
     for cuboid in (box([0, 0, 0], size), box(rng.normal(size=3), size, rotation(seed))):
         field = field_of(bumpy, LATENT, Cage.of({"all": cuboid}))
         lattice = Lattice.of(cuboid, 0.05, 12)
-        found.append(marched_of(field, lattice))
-    np.testing.assert_array_equal(found[0].faces, found[1].faces)
-    np.testing.assert_allclose(found[0].places, found[1].places, atol=1e-3)
+        surfaces.append(marched_of(field, lattice))
+    np.testing.assert_array_equal(surfaces[0].faces, surfaces[1].faces)
+    np.testing.assert_allclose(surfaces[0].places, surfaces[1].places, atol=1e-3)
 
 
 @given(seed=st.integers(0, 10**6), scale=st.sampled_from([1e-9, 1e-3, 0.03, 10.0]), smooth=st.booleans())
@@ -339,16 +339,16 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     """Of each part, before and after its faces are made fewer, and of all; `extract` checks only the last."""
     cage = random_cage(seed, 3)
     decoder = waves(seed, 100 * scale) if smooth else noise(scale)
-    found = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.028, 0.05))
-    for part_id, mesh in found.parts.items():
+    extraction = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.028, 0.05))
+    for part_id, mesh in extraction.parts.items():
         if len(mesh.faces):
             assert_sound(mesh)
             assert Cage.of({part_id: cage[part_id]}).signed_distance(mesh.vertices).max() < 1e-8
-    if len(found.mesh.faces):
-        assert_sound(found.mesh)
-        assert cage.signed_distance(found.mesh.vertices).min(axis=1).max() < 1e-8
+    if len(extraction.mesh.faces):
+        assert_sound(extraction.mesh)
+        assert cage.signed_distance(extraction.mesh.vertices).min(axis=1).max() < 1e-8
         if smooth:  # noise gives parts that run into themselves, whose unions may bridge a notch between cuboids
-            middles = found.mesh.corners().mean(axis=1)
+            middles = extraction.mesh.corners().mean(axis=1)
             assert cage.signed_distance(middles).min(axis=1).max() < 1e-8
     field, lattice = field_of(decoder, LATENT, cage), Lattice.of(cage["0"], 0.2, 6)
     marched = marched_of(field, lattice)
@@ -363,7 +363,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
 
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=8, deadline=None)
-def test_asking_sparsely_gives_the_surface_of_asking_everywhere(seed: int) -> None:
+def test_sparse_values_give_the_surface_of_dense_values(seed: int) -> None:
     """Also for fields much steeper than a distance: the surface is followed."""
     slope = [0.5, 1.0, 6.0][seed % 3]
     field = field_of(waves(seed, slope), LATENT, random_cage(seed, 2))
@@ -441,13 +441,16 @@ def two_balls() -> CageField:
 
 def test_each_part_is_what_its_own_cuboid_holds_and_the_whole_is_their_union() -> None:
     field = two_balls()
-    found = extract(field, 64)
+    extraction = extract(field, 64)
     for part, radius in (("a", 0.3), ("b", 0.38)):
-        mesh = found.parts[part]
+        mesh = extraction.parts[part]
         assert_sound(mesh)
         assert np.abs(np.linalg.norm(mesh.vertices - field.cage[part].centre, axis=1) - radius).max() < 1e-3
     truth = np.min(
-        [sphere_sdf(found.mesh.vertices - c.centre, r) for c, r in zip(field.cage.cuboids().values(), (0.3, 0.38))],
+        [
+            sphere_sdf(extraction.mesh.vertices - c.centre, r)
+            for c, r in zip(field.cage.cuboids().values(), (0.3, 0.38))
+        ],
         axis=0,
     )
     assert np.abs(truth).max() < 0.1 * 2 * HALF_EXTENT / 64
@@ -618,19 +621,19 @@ def test_a_mirrored_cage_gives_exactly_mirrored_surfaces_whatever_the_network_sa
     cage = mirrored_chair()
     crooked = Analytic(lambda p: sphere_sdf(p - [0.07, 0, 0], 0.37) + 0.02 * np.sin(9 * p[:, 0]))
     field = field_of(crooked, LATENT, cage)
-    as_it_is, found = extract(field, 48), extract(field, 48, symmetry=SYMMETRIES["x"])
+    as_it_is, extraction = extract(field, 48), extract(field, 48, symmetry=SYMMETRIES["x"])
     mirror = np.array([-1.0, 1, 1])
-    assert bytes_of(found.mesh.vertices) == bytes_of(found.mesh.vertices * mirror)
+    assert bytes_of(extraction.mesh.vertices) == bytes_of(extraction.mesh.vertices * mirror)
     assert bytes_of(as_it_is.mesh.vertices) != bytes_of(as_it_is.mesh.vertices * mirror)
-    single = found.mesh.vertices.astype(np.float32)
+    single = extraction.mesh.vertices.astype(np.float32)
     assert bytes_of(single) == bytes_of(single * mirror.astype(np.float32)), "as it is written, too"
     right = as_it_is.mesh.vertices[as_it_is.mesh.vertices[:, 0] > 0.01]
-    assert SurfaceDistance(found.mesh).unsigned(right).max() < 1e-9
-    assert list(found.parts) == ["seat", "left", "right"]
+    assert SurfaceDistance(extraction.mesh).unsigned(right).max() < 1e-9
+    assert list(extraction.parts) == ["seat", "left", "right"]
     for part, twin in (("seat", "seat"), ("left", "right")):
-        assert_sound(found.parts[part])
-        assert bytes_of(found.parts[part].vertices) == bytes_of(found.parts[twin].vertices * mirror)
-    kept = SurfaceDistance(as_it_is.parts["right"]).unsigned(found.parts["right"].vertices)
+        assert_sound(extraction.parts[part])
+        assert bytes_of(extraction.parts[part].vertices) == bytes_of(extraction.parts[twin].vertices * mirror)
+    kept = SurfaceDistance(as_it_is.parts["right"]).unsigned(extraction.parts["right"].vertices)
     assert kept.max() < 1e-9, "the right half says what both are"
 
 
@@ -639,11 +642,11 @@ def test_cuboids_that_cross_the_mirror_beside_their_images_are_mirrored_too() ->
         "one": box([0.1, 0, 0], [0.6, 0.1, 0.1], np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])),
         "other": box([-0.1, 0, 0], [0.6, 0.1, 0.1], np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])),
     }
-    found = extract(field_of(Filling(), LATENT, Cage.of(arms)), 32, symmetry=SYMMETRIES["x"])
+    extraction = extract(field_of(Filling(), LATENT, Cage.of(arms)), 32, symmetry=SYMMETRIES["x"])
     for part in arms:
-        assert_sound(found.parts[part])
-        assert signed_volume(found.parts[part]) == pytest.approx(0.006, rel=1e-6)
-    assert bytes_of(found.parts["one"].vertices) == bytes_of(found.parts["other"].vertices * [-1.0, 1, 1])
+        assert_sound(extraction.parts[part])
+        assert signed_volume(extraction.parts[part]) == pytest.approx(0.006, rel=1e-6)
+    assert bytes_of(extraction.parts["one"].vertices) == bytes_of(extraction.parts["other"].vertices * [-1.0, 1, 1])
 
 
 def test_a_cage_that_is_not_mirrored_is_refused_and_the_cuboid_named() -> None:
@@ -669,6 +672,6 @@ def test_a_cavity_is_no_piece_and_stays() -> None:
     shell = Analytic(lambda p: np.abs(sphere_sdf(p, 0.4)) - 0.1)
     field = field_of(shell, LATENT, Cage.of({"all": box([0, 0, 0], [1.2] * 3)}))
     for loose in LOOSE.values():
-        found = extract(field, 48, loose=loose)
-        assert (found.components, found.dropped) == (1, 0)
-        assert signed_volume(found.mesh) == pytest.approx(4 / 3 * np.pi * (0.5**3 - 0.3**3), rel=0.02)
+        extraction = extract(field, 48, loose=loose)
+        assert (extraction.components, extraction.dropped) == (1, 0)
+        assert signed_volume(extraction.mesh) == pytest.approx(4 / 3 * np.pi * (0.5**3 - 0.3**3), rel=0.02)

@@ -108,7 +108,7 @@ def test_bounds_of_points_halfway_are_those_of_going_from_point_to_point(
 @given(seed=st.integers(0, 10**6), share=st.floats(0.2, 1))
 @settings(max_examples=30, deadline=None)
 def test_fields_no_steeper_than_the_margin_are_never_misjudged_above_the_finest_step(seed: int, share: float) -> None:
-    """Every point settled at a distance of more than a cell has the sign that asking gives."""
+    """Every point settled at a distance of more than a cell has the sign that evaluation gives."""
     rng = np.random.default_rng(seed)
     lattice = Lattice.of(cuboid(rng), 0.02, 12)
     evaluate = cones(rng, lattice, share * LIPSCHITZ)

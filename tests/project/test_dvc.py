@@ -55,8 +55,8 @@ def test_importing_a_stage_loads_no_file_that_its_list_lacks() -> None:
         f"    print(stage, *(f for f in files if f.startswith({str(ROOT / 'cagesdf')!r})), sep='|')\n"
     )
     command = [sys.executable, "-c", script, *STAGES]
-    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = {stage: files for stage, *files in (line.split("|") for line in found.stdout.splitlines())}
+    completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {stage: files for stage, *files in (line.split("|") for line in completed.stdout.splitlines())}
     assert [*loaded] == STAGES
     for stage, files in loaded.items():
         names = {Path(file).relative_to(ROOT).as_posix() for file in files if Path(file).name != "__init__.py"}

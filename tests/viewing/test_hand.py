@@ -1,4 +1,4 @@
-"""What a hand does to cuboids is what the operations say that come of it."""
+"""Operations of the hand put cuboids where the hand put them."""
 
 from collections.abc import Iterable
 

@@ -1,11 +1,11 @@
 """Fit of the cuboids of found parts to shapes that come as one mesh, beside other methods to get boxes.
 
-    python -m benchmarks.parts_found [--shapes 6] [--ways found …] [--procedural chair …] [--united chair …]
+    python -m benchmarks.part_boxes [--shapes 6] [--ways found …] [--procedural chair …] [--united chair …]
         [--whole FOLDER[:GLOB] …] [--parts FOLDER[:GLOB] …] [--each]
 
 Shapes: procedural ones of `make repro`, their parts joined into one mesh, or united into one solid; mesh files in
 FOLDERs; with `--parts`, mesh files and folders of part meshes whose groups, nodes and files are the true parts, joined.
-Of more than `--shapes`, those are taken that lie at equal steps in the list of names, the same for all ways.
+If there are more shapes than `--shapes`, the sample is evenly spaced in the sorted names, the same for all ways.
 Ways: `find_parts`; one box a component; CoACD and V-HACD (at most 16 hulls, a least box a hull) where `coacd` and
 `vhacdx` are installed; CoACD with its cheapest search, as the solids are closed already. Figures: volumetric IoU of all
 boxes together with the solid; volume of the boxes over that of the outer solid, with what is enclosed from five of six

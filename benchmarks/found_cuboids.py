@@ -1,6 +1,6 @@
 """The part model trained on found parts beside the same trained on given ones.
 
-    python -m benchmarks.found_parts WORK [--procedural chair …] [--folders FOLDER …] [--include 'Chair_*']
+    python -m benchmarks.found_cuboids WORK [--procedural chair …] [--folders FOLDER …] [--include 'Chair_*']
         [--shapes 16] [--steps 1600] [--cells 16]
 
 Shapes: training shapes of `make repro` (`data/shapes`, `data/trials`), and mesh files and folders of part meshes in
@@ -162,8 +162,8 @@ def swap_gains(run: Run, folder: Path, known: set[str]) -> list[float]:
     source = read_trials(folder)
     references, _ = read_edits(folder / "references.parquet")
     trials = [source.read(name) for name, row in source.rows.items() if row["kind"] == SWAPPED]
-    here = [trial for trial in trials if {trial.shape_id, trial.style_of} <= known]
-    rows = [edited(run, replace(trial, cage=run.sequences[trial.shape_id].cages[0]), 0) for trial in here]
+    measurable = [trial for trial in trials if {trial.shape_id, trial.style_of} <= known]
+    rows = [edited(run, replace(trial, cage=run.sequences[trial.shape_id].cages[0]), 0) for trial in measurable]
     return [row["gain"] for row in with_gains(rows, references)]
 
 
