@@ -25,7 +25,8 @@ BOXES = {"seat": ([400, 40, 400], [1000, 400, 0])} | {
 def stool() -> bytes:
     """One mesh without groups."""
     meshes = [trimesh.creation.box(extents).apply_translation(centre) for extents, centre in BOXES.values()]
-    content: str = trimesh.util.concatenate(meshes).export(file_type="obj")
+    content = trimesh.util.concatenate(meshes).export(file_type="obj")
+    assert isinstance(content, str)
     return content.encode()
 
 
