@@ -7,27 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 
 from cagesdf.cli.shapes import parts
+from cagesdf.geometry.meshes import join
 from cagesdf.viewing.colours import SELECTED
+from tests.support import toy
 from tests.support.page import CENTRE, EditorPage
 
 pytestmark = pytest.mark.slow
 Visit = Callable[[], EditorPage]
-BOXES = {"seat": ([400, 40, 400], [1000, 400, 0])} | {
-    f"leg_{number}": ([40, 380, 40], [x, 190, z])
-    for number, (x, z) in enumerate([(820, -180), (1180, -180), (820, 180), (1180, 180)])
-}  # extents and centres, millimetres
-
-
-def stool() -> bytes:
-    """One mesh without groups."""
-    meshes = [trimesh.creation.box(extents).apply_translation(centre) for extents, centre in BOXES.values()]
-    content = trimesh.util.concatenate(meshes).export(file_type="obj")
-    assert isinstance(content, str)
-    return content.encode()
+LEGS = [(820, -180), (1180, -180), (820, 180), (1180, 180)]  # x and z of the centres, millimetres
+STOOL = join([toy.box((1000, 400, 0), (400, 40, 400)), *(toy.box((x, 190, z), (40, 380, 40)) for x, z in LEGS)])
 
 
 def pinks(page: EditorPage) -> int:
@@ -45,7 +36,7 @@ def test_parts_that_are_found_are_merged_split_renamed_fitted_again_and_saved(
 ) -> None:
     page = visit_narrow()
     before = page.settled()
-    (tmp_path / "stool.obj").write_bytes(stool())
+    toy.write_obj(tmp_path / "stool.obj", STOOL)  # one mesh without groups
     page.tab("File")
     page.upload("Load parts", "stool.obj", (tmp_path / "stool.obj").read_bytes())
     page.page.get_by_text("5 cuboids found").wait_for()
