@@ -43,7 +43,7 @@ FAR_SIDES = 1.1  # times the longest side of theirs along an axis, or shorter th
 # validation shapes (docs/fit.md).
 CUBOIDS: dict[str, Any] = {"slack": 0.01, "min_size": 0.001, "margin": 1e-6, "points": 10_000}
 SAMPLES: dict[str, Any] = {
-    "near": 4_500, "uniform": 1_500, "per_cuboid": 256, "beta": 60.0, "part_near": 192.0, "part_uniform": 64.0,
+    "near": 4_500, "uniform": 1_500, "per_cuboid": 256, "beta": 60.0, "part_near": 384.0, "part_uniform": 128.0,
 }  # fmt: skip
 MEASURE: dict[str, Any] = {"points": 20_000, "detail": 0.005}
 INFERENCE: dict[str, Any] = {
