@@ -159,12 +159,10 @@ class TrainedRun:
     def _built(self, order: Order) -> EditableShape | None:
         if order.generated is None:
             return None
-        structure = self.known_parts.labelled(order.generated.structure, order.generated.cage)
-        if structure.placed_program() is None:
-            structure = structure.with_cuboids(order.generated.cage.cuboids())
+        document = self.known_parts.document(order.generated.structure, order.generated.cage)
         shape = self.open(self.shapes[0])
         try:
-            return shape.build(structure.to_json()).style(order.code.latent.tolist())
+            return shape.build(document).style(order.code.latent.tolist())
         except InputError:  # a cuboid that is too thin
             return None
 

@@ -60,6 +60,12 @@ class KnownParts:
             names.setdefault(part, word)
         return structure.labelled(names)
 
+    def document(self, structure: Structure, cage: Cage) -> str:
+        """A new structure as an operation takes it, labelled; a program that doesn't say where it stands as cuboids."""
+        labelled = self.labelled(structure, cage)
+        placed = labelled if labelled.placed_program() is not None else labelled.with_cuboids(cage.cuboids())
+        return placed.to_json()
+
     def _nearest(self, cage: Cage) -> dict[str, tuple[float, str]]:
         """By part, the distance of the nearest training part, and its label."""
         apart = np.linalg.norm(relative_boxes(cage)[:, None] - self.boxes, axis=2)

@@ -670,10 +670,7 @@ class Tab:
 
     def _build(self, generated: Generated) -> Build:
         """The operation that leads to new cuboids, their parts named."""
-        structure = self._opened.known_parts.labelled(generated.structure, generated.cage)
-        if structure.placed_program() is None:
-            structure = structure.with_cuboids(generated.cage.cuboids())
-        return Build(structure=structure.to_json())
+        return Build(structure=self._opened.known_parts.document(generated.structure, generated.cage))
 
     # Work that outlives the page
 

@@ -99,3 +99,12 @@ def test_groups_are_called_by_what_is_in_them_and_no_two_alike(demo: dict[str, S
     chair = demo["chair_0000"]
     numbered = group_names(NOTHING.labelled(bare(chair), chair.cage))
     assert set(numbered.values()) == {f"group {number}" for number in range(1, len(numbered) + 1)}
+
+
+def test_a_document_reads_back_as_the_labelled_structure_where_it_stands(demo: dict[str, State]) -> None:
+    known = KnownParts.of(demo.values())
+    generated = read_generator(DEMO / "programs").generator.sample(np.random.default_rng(1), 1, 1.0).kept[0]
+    read = read_structure(known.document(generated.structure, generated.cage))
+    assert read.labels() == known.labelled(generated.structure, generated.cage).labels()
+    assert read.cage().part_ids == generated.cage.part_ids
+    assert np.allclose(read.cage().corners(), generated.cage.corners(), atol=1e-6)
