@@ -30,7 +30,7 @@ from cagesdf.extraction import PREVIEW, USUAL
 from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.runs import read_run
 from cagesdf.training.precision import processor
-from cagesdf.viewing.worker import COARSE
+from cagesdf.viewing.worker import PREVIEW_CELLS
 
 EDITS = 10  # of each shape
 KINDS = {
@@ -40,7 +40,7 @@ KINDS = {
 }
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 OPERATIONS = ("set", "move", "resize", "rotate", "swap", "blend")  # the first, of shapes that have programs
-SIZES = ((COARSE, PREVIEW), (256, USUAL))
+SIZES = ((PREVIEW_CELLS, PREVIEW), (256, USUAL))
 
 
 def draw(session: Session, state: State, rng: np.random.Generator) -> Operation:

@@ -33,7 +33,7 @@ from cagesdf.viewing.opening import opened
 from cagesdf.viewing.picking import along
 from cagesdf.viewing.scene import GIZMO_PIXELS
 from cagesdf.viewing.server import serving
-from cagesdf.viewing.worker import COARSE, FINE
+from cagesdf.viewing.worker import FINE_CELLS, PREVIEW_CELLS
 from tests.support.chromium import FLAGS, chromium
 from tests.support.page import Camera, EditorPage
 
@@ -118,10 +118,10 @@ def clicks(page: EditorPage, camera: Camera, cage: Cage, names: dict[str, str], 
 
 def drags(page: EditorPage, camera: Camera, cage: Cage, names: dict[str, str], moves: int) -> dict[int, list[float]]:
     """Movements of dragged arrows, by the cells of the surface that is waited for."""
-    result: dict[int, list[float]] = {COARSE: [], FINE: []}
+    result: dict[int, list[float]] = {PREVIEW_CELLS: [], FINE_CELLS: []}
     mouse = page.page.mouse
     for part, name in [*names.items()] * moves:
-        if len(result[COARSE]) >= moves:
+        if len(result[PREVIEW_CELLS]) >= moves:
             break
         page.settled()
         page.select(name)
@@ -131,9 +131,9 @@ def drags(page: EditorPage, camera: Camera, cage: Cage, names: dict[str, str], m
         mouse.down()
         page.page.wait_for_timeout(200)
         for i in range(1, STEPS + 1):
-            for cells in (COARSE, FINE):
+            for cells in (PREVIEW_CELLS, FINE_CELLS):
                 page.settled()
-                to = x + (cells == FINE), y - PIXELS * i
+                to = x + (cells == FINE_CELLS), y - PIXELS * i
                 result[cells].append(timed(page, "pointermove", partial(mouse.move, *to), f"^{cells} cells"))
         mouse.up()
         page.page.wait_for_timeout(1000)
@@ -150,7 +150,7 @@ def styles(page: EditorPage, shapes: list[str]) -> list[float]:
     for shape in shapes:
         tile = page.page.locator("button", has=page.page.locator("img.tile")).filter(has_text=re.compile(f"^{shape}$"))
         before = page.settled()
-        seconds.append(timed(page, "click", tile.first.click, f"^{COARSE} cells"))
+        seconds.append(timed(page, "click", tile.first.click, f"^{PREVIEW_CELLS} cells"))
         page.settled(before)
     return seconds
 
@@ -161,7 +161,7 @@ def new_shapes(page: EditorPage, count: int) -> list[float]:
     seconds = []
     for _ in range(count):
         before = page.settled()
-        seconds.append(timed(page, "click", lambda: page.press("New shape"), f"^{COARSE} cells"))
+        seconds.append(timed(page, "click", lambda: page.press("New shape"), f"^{PREVIEW_CELLS} cells"))
         page.settled(before)
     return seconds
 
@@ -179,7 +179,7 @@ def uploads(page: EditorPage, count: int) -> list[float]:
     for _ in range(count):
         before = page.settled()
         upload = lambda: page.upload("Load parts", "stool.zip", content.getvalue())  # noqa: E731
-        seconds.append(timed(page, "change", upload, f"^{COARSE} cells"))
+        seconds.append(timed(page, "change", upload, f"^{PREVIEW_CELLS} cells"))
         page.settled(before)
     return seconds
 
@@ -232,12 +232,12 @@ def main() -> None:
             ]
             dragged = drags(page, camera, state.cage, names, arguments.moves)
             rows += [
-                Row(f"arrow dragged → {COARSE} cells", dragged[COARSE], "p50 0.15, p95 0.3"),
-                Row(f"hand at rest (0.3 s of it waiting) → {FINE} cells", dragged[FINE], ""),
-                Row(f"style clicked → {COARSE} cells", styles(page, shown[1:] * 2), "0.6"),
+                Row(f"arrow dragged → {PREVIEW_CELLS} cells", dragged[PREVIEW_CELLS], "p50 0.15, p95 0.3"),
+                Row(f"hand at rest (0.3 s of it waiting) → {FINE_CELLS} cells", dragged[FINE_CELLS], ""),
+                Row(f"style clicked → {PREVIEW_CELLS} cells", styles(page, shown[1:] * 2), "0.6"),
                 Row("Export → file (.glb)", exports(page, REPEATS), "2"),
-                Row(f"New shape → {COARSE} cells", new_shapes(page, REPEATS), "3"),
-                Row(f"six meshes uploaded → {COARSE} cells", uploads(page, REPEATS), "10"),
+                Row(f"New shape → {PREVIEW_CELLS} cells", new_shapes(page, REPEATS), "3"),
+                Row(f"six meshes uploaded → {PREVIEW_CELLS} cells", uploads(page, REPEATS), "10"),
             ]
         browser.close()
     print(f"On {processor()}.\n")

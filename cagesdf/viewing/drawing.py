@@ -13,7 +13,7 @@ from cagesdf.errors import InputError
 from cagesdf.extraction import PREVIEW, Each
 from cagesdf.shape_generation.surfaces import CodeSource
 from cagesdf.viewing.jobs import Progress
-from cagesdf.viewing.worker import COARSE
+from cagesdf.viewing.worker import PREVIEW_CELLS
 
 TRIES = 5  # draws at most of a style, or of a shape with its style
 
@@ -23,7 +23,7 @@ def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], 
 
     Otherwise the one that is torn least. Draws that raise InputError are left out; if all do, InputError is raised.
     """
-    live, each = session.live(COARSE, fineness=PREVIEW), progress.each("surface of the draw")
+    live, each = session.live(PREVIEW_CELLS, fineness=PREVIEW), progress.each("surface of the draw")
     best, least, reasons = None, np.inf, []
     for number, (_, draw) in enumerate(zip(range(TRIES), drawn)):
         progress(f"draw {number + 1} of at most {TRIES}", number / TRIES)
@@ -44,7 +44,7 @@ def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], 
 
 def tears(state: State, live: Live, each: Each) -> int:
     """Number of parts that are torn or missing, plus components of the surface beyond those of the cuboids."""
-    health = Health.of(live.surface(state, each), state, COARSE, PREVIEW)
+    health = Health.of(live.surface(state, each), state, PREVIEW_CELLS, PREVIEW)
     return len(health.torn) + max(health.components - health.expected, 0)
 
 

@@ -53,7 +53,7 @@ from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
 from cagesdf.viewing.shelf import Shelf
 from cagesdf.viewing.thumbnails import Picture, blank
 from cagesdf.viewing.uploads import Taken, Upload
-from cagesdf.viewing.worker import FINE, Made, Worker
+from cagesdf.viewing.worker import FINE_CELLS, Made, Worker
 
 STYLES_SHOWN = 9  # pictures at first, and added by *More styles*
 PATIENCE = 1.0  # seconds; progress of shorter work isn't shown
@@ -197,7 +197,7 @@ class Tab:
         self._panel.mark.value = f"{made.cells} cells, {mark}"
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
         self._say(f"{made.cells} cells in {made.seconds:.2f} s")
-        if made.cells == FINE:
+        if made.cells == FINE_CELLS:
             health = Health.of(made.extraction, state, made.cells)
             self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
         else:
@@ -732,10 +732,10 @@ class Tab:
         state, made = self._document.state, self._made
 
         def work(progress: Progress) -> Callable[[], None]:
-            if made is not None and made.state is state and made.cells == FINE:
+            if made is not None and made.state is state and made.cells == FINE_CELLS:
                 extraction = made.extraction
             else:
-                live = self._opened.session.live(FINE)
+                live = self._opened.session.live(FINE_CELLS)
                 extraction = live.surface(state, progress.each("fine surface"))
             progress("writing", 0.9)
             content = content_of(extraction, state, ending)

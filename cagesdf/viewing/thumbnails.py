@@ -20,7 +20,7 @@ from cagesdf.editing.state import State
 from cagesdf.extraction import PREVIEW
 from cagesdf.rendering import CLAY, Scene, render_rows, side_by_side
 from cagesdf.viewing.refusals import saying
-from cagesdf.viewing.worker import COARSE
+from cagesdf.viewing.worker import PREVIEW_CELLS
 
 SIZE = 150  # pixels along a side
 BATCH = 6  # drawn by one process, which takes most of a second to start
@@ -34,7 +34,7 @@ class Thumbnails:
     """The thumbnails of one run, for all tabs. `want` orders some, `forget` cancels an owner's orders."""
 
     def __init__(self, session: Session) -> None:
-        self._live = session.live(COARSE, fineness=PREVIEW)
+        self._live = session.live(PREVIEW_CELLS, fineness=PREVIEW)
         self._kept: OrderedDict[Hashable, Picture] = OrderedDict()
         self._waiting: deque[tuple[Hashable, Hashable, Callable[[], State], Callable[[Picture], None]]] = deque()
         self._changed = threading.Condition()

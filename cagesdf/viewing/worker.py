@@ -17,8 +17,8 @@ from cagesdf.editing.state import State
 from cagesdf.extraction import PREVIEW, Each, Extraction, Part
 from cagesdf.viewing.refusals import saying
 
-COARSE = 64  # cells
-FINE = 128  # the default of `cagesdf edit`: the page shows the surface that the command writes
+PREVIEW_CELLS = 64  # cells
+FINE_CELLS = 128  # the default of `cagesdf edit`: the page shows the surface that the command writes
 REST = 0.3  # seconds
 
 
@@ -53,8 +53,8 @@ class Worker:
         self._tell = tell
         self._pool = pool
         self._show, self._fail = show, fail
-        self._coarse = session.live(COARSE, fineness=PREVIEW)
-        self._fine = session.live(FINE)
+        self._coarse = session.live(PREVIEW_CELLS, fineness=PREVIEW)
+        self._fine = session.live(FINE_CELLS)
         self._changed = threading.Condition()
         self._wanted: State | None = None
         self._number = 0  # the newest state's
@@ -87,10 +87,10 @@ class Worker:
     def _run(self) -> None:
         while (state := self._next()) is not None:
             with saying(self._fail), suppress(Overtaken):
-                self._make(self._coarse, COARSE, state, self._pool.map)
+                self._make(self._coarse, PREVIEW_CELLS, state, self._pool.map)
                 if self._rested():
                     try:
-                        self._make(self._fine, FINE, state, self._unless_overtaken)
+                        self._make(self._fine, FINE_CELLS, state, self._unless_overtaken)
                     finally:
                         self._tell(None)
 

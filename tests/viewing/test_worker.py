@@ -12,7 +12,7 @@ from cagesdf.editing.operations import edited
 from cagesdf.editing.script import Move
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
-from cagesdf.viewing.worker import COARSE, FINE, Made, Worker
+from cagesdf.viewing.worker import FINE_CELLS, PREVIEW_CELLS, Made, Worker
 
 PATIENCE = 600.0  # seconds: only a broken worker takes them
 
@@ -69,8 +69,8 @@ def test_a_coarse_surface_comes_first_and_the_fine_one_is_that_of_the_command(
     state = session.opened("a")
     worker.want(state)
     seen.until(lambda s: len(s.made) == 2)
-    assert [made.cells for made in seen.made] == [COARSE, FINE]
-    expected = session.live(FINE).surface(state).mesh
+    assert [made.cells for made in seen.made] == [PREVIEW_CELLS, FINE_CELLS]
+    expected = session.live(FINE_CELLS).surface(state).mesh
     np.testing.assert_array_equal(seen.made[1].extraction.mesh.vertices, expected.vertices)
     np.testing.assert_array_equal(seen.made[1].extraction.mesh.faces, expected.faces)
 
@@ -79,9 +79,9 @@ def test_the_last_of_many_states_is_the_one_that_stays(session: Session, worker:
     states = [at(session, x) for x in np.linspace(0, 0.1, 12)]
     for state in states:
         worker.want(state)
-    seen.until(lambda s: bool(s.made) and s.made[-1].cells == FINE)
+    seen.until(lambda s: bool(s.made) and s.made[-1].cells == FINE_CELLS)
     assert seen.made[-1].state is states[-1]
-    assert sum(made.cells == FINE for made in seen.made) == 1
+    assert sum(made.cells == FINE_CELLS for made in seen.made) == 1
 
 
 def test_a_state_that_has_no_surface_is_said_and_the_next_one_is_made(
@@ -110,8 +110,8 @@ def test_a_fine_surface_that_is_given_up_is_not_shown_and_a_newer_state_is(
     seen.until(lambda s: bool(s.made))
     worker.rest()
     worker.want(at(session, 0.05))
-    seen.until(lambda s: s.made[-1].cells == FINE)
-    assert [made.cells for made in seen.made] == [COARSE, COARSE, FINE]
+    seen.until(lambda s: s.made[-1].cells == FINE_CELLS)
+    assert [made.cells for made in seen.made] == [PREVIEW_CELLS, PREVIEW_CELLS, FINE_CELLS]
 
 
 def test_closing_ends_the_thread(session: Session, seen: Seen) -> None:
