@@ -22,6 +22,7 @@ from cagesdf.errors import InputError
 OUTSIDE = 0.1  # the value that the paper gives to grid points outside every cuboid (§3.6)
 BEYOND = 0.05  # largest distance of a part's points beyond its cuboid, in the cuboid's lengths
 LEAST_UNIT = 0.02  # canonical units: where distances are scaled by a cuboid's smallest length, it counts as no thinner
+LARGEST_UNIT = 0.1  # and where walls are to be as thin in large cuboids as in small ones, as no thicker
 HALF_EXTENT = 1.05  # grids span [-HALF_EXTENT, HALF_EXTENT]³: the unit sphere and a margin
 
 # Rows are the canonical axes in the raw frame.

@@ -9,10 +9,10 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from cagesdf.errors import InputError
+from cagesdf.frames import LARGEST_UNIT
 from cagesdf.models.triplane import TriplaneDecoder
 
 TEMPERATURE = 0.05  # distance from the surface at which the logit of a label is ±1, in the decoder's unit
-LARGEST_UNIT = 0.1  # canonical units: walls of large parts are no thicker than those of small ones
 # Logit up to which values count as distances. Labels hardly differ beyond 4 (sigmoid(4) = 0.98), but trained networks
 # go on as if they did: with 16, no sign of four million points of lattices was another than by asking everywhere.
 TRUSTED_LOGIT = 16.0

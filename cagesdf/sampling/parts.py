@@ -15,9 +15,10 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
-from cagesdf.frames import BEYOND, LEAST_UNIT
+from cagesdf.frames import BEYOND, LARGEST_UNIT, LEAST_UNIT
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh, face_areas
+from cagesdf.geometry.solid import thickness
 from cagesdf.sampling.shapes import rounded_up
 
 SPREAD = (0.004, 0.25)  # of points around the surface: standard deviations, in units of the cuboid's smallest length
@@ -28,6 +29,7 @@ SMALLEST, LARGEST = 4.0, 150.0
 # Bounds of a part's share. By area in the shape alone a knob would hardly be trained; without it the body of a vase,
 # three quarters of the surface, as little as a knob.
 FEWEST, MOST = 0.5, 3.0
+THINNEST = 3.0  # largest factor for a thin part
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +42,28 @@ class PartSamples:
 
 
 def shares(solids: Sequence[Mesh], cage: Cage) -> list[float]:
-    """Factor on the number of points of each part, by its area within the shape.
+    """Factor on the number of points of each part, by its area within the shape and its thinness.
 
-    It is the square root of the part's canonical area over the mean of the parts, clamped to FEWEST and MOST. Solids
-    are in the unit frames of their cuboids.
+    It is the square root of the part's canonical area over the mean of the parts, clamped to FEWEST and MOST, times
+    `thinness`. Solids are in the unit frames of their cuboids.
     """
     moved = [solid.with_vertices(cage.from_unit(solid.vertices, part)) for part, solid in enumerate(solids)]
     areas = [float(face_areas(solid).sum()) for solid in moved]
     mean = sum(areas) / len(areas)
-    return [min(max(math.sqrt(area / mean), FEWEST), MOST) for area in areas]
+    return [
+        min(max(math.sqrt(area / mean), FEWEST), MOST) * thinness(solid, size)
+        for solid, area, size in zip(moved, areas, cage.size)
+    ]
+
+
+def thinness(solid: Mesh, size: Float[ndarray, " 3"]) -> float:
+    """How much thinner a closed part is than its cuboid: 1 if it fills it, more for walls, bent boards and wires.
+
+    It is the `thickness` of a box with the cuboid's lengths, each at most LARGEST_UNIT, over the part's, canonical;
+    clamped to 1 and THINNEST. Without it such parts were torn long after all else was smooth (docs/log.md).
+    """
+    of_box = 1 / float((1 / np.minimum(size, LARGEST_UNIT)).sum())
+    return min(max(of_box / thickness(solid), 1.0), THINNEST)
 
 
 def sample_part(

@@ -125,7 +125,7 @@ def neck(size: Vector, kind: str, factors: Factors) -> Mesh:
 def lip(size: Vector, kind: str, factors: Factors) -> Mesh:
     """A rim: rolled, flaring or bevelled."""
     t = np.linspace(0, 1, 12)
-    wall = 1.6 * factors["wall"] / (size[0] / 2)
+    wall = min(1.6 * factors["wall"] / (size[0] / 2), 0.15)
     outer = {
         "waisted": 1 - wall * (1 - np.sin(np.pi * t)),
         "trumpet": 1 - 2 * wall * (1 - t) ** 1.6,

@@ -13,9 +13,10 @@ from torch.nn.functional import binary_cross_entropy
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.extraction import METHODS, CageField, extract
+from cagesdf.frames import LARGEST_UNIT
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.models.arms import make_decoder
-from cagesdf.models.occupancy import LARGEST_UNIT, TEMPERATURE, OccupancyDecoder
+from cagesdf.models.occupancy import TEMPERATURE, OccupancyDecoder
 from pipeline.params import check, read_yaml
 from pipeline.workspace import ROOT, merged, profile_settings
 from tests.support import spheres

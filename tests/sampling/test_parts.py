@@ -12,9 +12,20 @@ from cagesdf.deformation.sequences import solids_in_cuboids
 from cagesdf.frames import BEYOND
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh, face_areas, is_closed
-from cagesdf.geometry.solid import make_solid, union
+from cagesdf.geometry.solid import as_manifold, from_manifold, make_solid, union
 from cagesdf.sampling import parts as part_sampling
-from cagesdf.sampling.parts import FEWEST, LARGEST, LEAST_CHUNKS, MOST, SMALLEST, PartSamples, sample_part, shares
+from cagesdf.sampling.parts import (
+    FEWEST,
+    LARGEST,
+    LEAST_CHUNKS,
+    MOST,
+    SMALLEST,
+    THINNEST,
+    PartSamples,
+    sample_part,
+    shares,
+    thinness,
+)  # fmt: skip
 from cagesdf.structure.hierarchy import Node
 from tests.support import toy
 
@@ -102,6 +113,21 @@ def test_shares_are_roots_of_areas_over_their_mean_bounded_the_same_at_any_scale
         larger = Cage(few.part_ids, 3 * few.centre + 1, few.axes, 3 * few.size)
         np.testing.assert_allclose(shares([BOX] * count, larger), expected)
     assert shares([BOX], cage()) == [1.0]
+
+
+@given(lengths=st.tuples(*[st.floats(0.03, 1.5)] * 3))
+def test_a_part_that_fills_its_cuboid_isn_t_thin(lengths: tuple[float, float, float]) -> None:
+    box = toy.box((0, 0, 0), lengths)
+    assert thinness(box, np.array(lengths)) == pytest.approx(1.0)
+
+
+@given(wall=st.floats(0.002, 0.05), width=st.floats(0.3, 1.2))
+def test_the_thinner_a_wall_the_more_points_whatever_the_width_of_what_it_encloses(wall: float, width: float) -> None:
+    size = np.full(3, width)
+    outside, inside = toy.box((0, 0, 0), size), toy.box((0, wall, 0), size - 2 * wall * np.array([1, 0, 1]))
+    hollow = from_manifold(as_manifold(outside) - as_manifold(inside))
+    expected = min(max(2 / wall / 60, 1.0), THINNEST)  # both sides of it by what a cube of 0.1 has
+    assert thinness(hollow, size) == pytest.approx(expected, rel=0.25)
 
 
 def test_near_points_are_spread_evenly_over_the_surface_in_the_unit_frame() -> None:
