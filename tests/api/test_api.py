@@ -182,7 +182,7 @@ def test_a_run_without_cuboids_gives_surfaces_and_no_edits(tmp_path: Path) -> No
 
 def test_one_number_in_place_of_three_is_refused_in_the_words_of_scripts(run: cagesdf.TrainedRun) -> None:
     shape = run.open("a")
-    move, scale = map(inspect.unwrap, (EditableShape.move, EditableShape.scale))  # without the tests' check of types
+    move, scale = inspect.unwrap(EditableShape.move), inspect.unwrap(EditableShape.scale)  # without checks of types
     with pytest.raises(cagesdf.InputError, match=r"^move: by is 0\.1; wanted three numbers \[x, y, z\]"):
         move(shape, "seat", by=0.1)
     with pytest.raises(cagesdf.InputError, match=r"^scale: factors is 1\.2; wanted three numbers \[x, y, z\]"):
