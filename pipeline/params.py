@@ -418,7 +418,10 @@ def wrong_sizes(place: str, params: Any) -> Iterator[str]:
         if name not in sizes:
             yield f"{place}.{name}: extra inputs are not permitted, got {value!r}"
         elif type(value) is not int or value < 1:
-            yield f"{place}.{name}: wanted a whole number of at least 1, got {value!r}"
+            yield (
+                f"{place}.{name}: wanted a whole number of at least 1, got {value!r}; "
+                f"make any other value a constant beside {params.decoder}"
+            )
     for name in sizes:
         if name not in extra and name not in TrainParams.model_fields:
             yield f"{place}.{name}: field required; {params.decoder} is made with it"

@@ -134,6 +134,11 @@ class ModelledShape(ABC):
         """A line about it."""
 
 
+def _listed(values: object) -> Any:
+    """Several numbers as operations have them; what is not several is left to the operation, which refuses it."""
+    return tuple(values) if isinstance(values, Iterable) else values
+
+
 def _trimesh(mesh: Mesh, model: Model) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices + model.origin, mesh.faces, process=False)
 
@@ -235,7 +240,7 @@ class EditableShape(ModelledShape):
         `attach`, parts that touch them stay in contact. Details of cuboids that change their lengths stretch along, or
         "keep" their size.
         """
-        fields = {"by": tuple(by), "frame": frame, "mirror": mirror, "repeat": repeat, "attach": attach}
+        fields = {"by": _listed(by), "frame": frame, "mirror": mirror, "repeat": repeat, "attach": attach}
         return self._do(Move, part=part, **fields, details=details)
 
     def resize(
@@ -275,13 +280,13 @@ class EditableShape(ModelledShape):
         self, name: str, centre: Iterable[float], lengths: Iterable[float], *, like: str | None = None
     ) -> "EditableShape":
         """Add a cuboid along x, y, z in the style of the part `like`, or of that whose lengths are most alike."""
-        return self._do(Add, name=name, centre=tuple(centre), lengths=tuple(lengths), like=like)
+        return self._do(Add, name=name, centre=_listed(centre), lengths=_listed(lengths), like=like)
 
     def duplicate(
         self, part: str, by: Iterable[float], *, mirror: bool = True, repeat: bool = False
     ) -> "EditableShape":
         """Repeat cuboids x, y, z away; the copies look as their originals do. `mirror`, `repeat` as for `move`."""
-        return self._do(Duplicate, part=part, by=tuple(by), mirror=mirror, repeat=repeat)
+        return self._do(Duplicate, part=part, by=_listed(by), mirror=mirror, repeat=repeat)
 
     def delete(self, part: str, *, mirror: bool = True, repeat: bool = False) -> "EditableShape":
         """Take cuboids away. `mirror`, `repeat` as for `move`."""
@@ -295,7 +300,7 @@ class EditableShape(ModelledShape):
 
     def scale(self, factors: Iterable[float], *, details: Details = "stretch") -> "EditableShape":
         """Stretch the whole cage along x, y and z about the centre of the box that the shape had at first."""
-        return self._do(Scale, factors=tuple(factors), details=details)
+        return self._do(Scale, factors=_listed(factors), details=details)
 
     def set(self, parameter: str, value: float, *, details: Details = "stretch") -> "EditableShape":
         """Give one of `parameters` another value; what is attached to it, or repeats it, follows."""
@@ -335,15 +340,15 @@ class EditableShape(ModelledShape):
 
         `residuals` gives, by part (id, name or label), numbers that are added to its own code.
         """
-        numbers = None if residuals is None else {part: tuple(values) for part, values in residuals.items()}
-        return self._do(Style, code=tuple(code), residuals=numbers)
+        numbers = None if residuals is None else {part: _listed(values) for part, values in residuals.items()}
+        return self._do(Style, code=_listed(code), residuals=numbers)
 
     def build(self, structure: str, *, frame: Iterable[float] | None = None) -> "EditableShape":
         """Go on with another structure around cuboids of its own, as JSON; the style stays.
 
         `frame` is the way from the files' frame to the canonical one: scale, rotation by rows, translation.
         """
-        return self._do(Build, structure=structure, frame=None if frame is None else tuple(frame))
+        return self._do(Build, structure=structure, frame=None if frame is None else _listed(frame))
 
     def harmonise(self) -> "EditableShape":
         """Give all parts the codes that the network has for them in the cage as it is now."""

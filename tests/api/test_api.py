@@ -180,6 +180,16 @@ def test_a_run_without_cuboids_gives_surfaces_and_no_edits(tmp_path: Path) -> No
             wrong()
 
 
+def test_one_number_in_place_of_three_is_refused_in_the_words_of_scripts(run: cagesdf.TrainedRun) -> None:
+    shape = run.open("a")
+    move, scale = inspect.unwrap(EditableShape.move), inspect.unwrap(EditableShape.scale)  # without checks of types
+    with pytest.raises(cagesdf.InputError, match=r"^move: by is 0\.1; wanted three numbers \[x, y, z\]"):
+        move(shape, "seat", by=0.1)
+    with pytest.raises(cagesdf.InputError, match=r"^scale: factors is 1\.2; wanted three numbers \[x, y, z\]"):
+        scale(shape, 1.2)
+    assert shape.script == "[]\n"
+
+
 def test_new_shapes_have_the_bytes_of_those_that_the_command_makes(command: Command, tmp_path: Path) -> None:
     stools.write_programs(tmp_path / "data" / "programs" / "stool")
     folder = stools.write_arm(tmp_path / "data" / "runs" / "stool" / "full", -0.05)

@@ -1,6 +1,8 @@
 """Scripts: read back as they were written, refused with the place of what is wrong."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -29,6 +31,7 @@ from cagesdf.editing.script import (
 )
 from cagesdf.errors import InputError
 
+ROOT = Path(__file__).parents[2]
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 factors = st.floats(0.01, 100, allow_nan=False)
 words = st.text(min_size=1, max_size=200)
@@ -71,11 +74,26 @@ def test_the_example_of_the_documentation_is_read() -> None:
     assert mix == Mix.model_validate({"part": "leg_*", "style_of": "chair_0007", "from": "leg"})
 
 
-def test_every_kind_of_operation_has_its_word() -> None:
-    assert set(KINDS) == {
+def test_the_words_of_saved_scripts_are_still_there() -> None:
+    assert set(KINDS) >= {
         "move", "resize", "rotate", "duplicate", "delete", "split", "scale", "set", "swap", "blend", "mix", "style",
         "build", "harmonise", "undo", "redo", "add",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("word", KINDS)
+def test_the_word_of_an_operation_is_the_name_of_its_class_in_small_letters(word: str) -> None:
+    """By its class's name a refusal finds the operation, so that methods of the API speak as scripts do."""
+    assert word == KINDS[word].__name__.lower()
+
+
+def test_every_operation_has_a_row_of_the_documentation_with_its_fields() -> None:
+    rows = (ROOT / "docs" / "editing.md").read_text(encoding="utf-8").splitlines()
+    for word, kind in KINDS.items():
+        row = next((line for line in rows if re.match(rf"\| (`\w+`, )*`{word}`[ ,]", line)), None)
+        assert row is not None, f"docs/editing.md: wanted a row for {word}"
+        fields = {field.alias or name for name, field in kind.model_fields.items() if name != "op"}
+        assert fields <= {*re.findall(r"`(\w+)`", row.split(" | ")[1])}, f"docs/editing.md: wanted all fields of {word}"
 
 
 GOOD = {"op": "move", "part": "leg", "by": [0, 1, 2]}

@@ -131,6 +131,14 @@ def test_a_surface_that_is_not_there_gets_the_worst_values() -> None:
     assert figures["iou"] == figures["closed"] == 0
 
 
+def test_a_surface_that_is_not_there_is_worse_than_the_true_one_by_every_metric() -> None:
+    ball = toy.ball([0, 0, 0], 0.5)
+    lost, perfect = measured(None, ball), measured(ball, ball)
+    for key in lost.keys() - {"detail_share"}:
+        sign = 1 if OF_KEY[key].higher else -1
+        assert sign * lost[key] < sign * perfect[key], key
+
+
 def test_a_hole_is_seen() -> None:
     ball = toy.ball([0, 0, 0], 0.5)
     figures = measured(replace(ball, faces=ball.faces[1:]), ball)

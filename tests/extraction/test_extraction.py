@@ -529,7 +529,7 @@ def test_values_of_decoders_of_parts_depend_on_the_place_in_the_cuboid_alone(nam
     decoder = make_decoder(name, **SIZES, seed=0).requires_grad_(False)
     rng = np.random.default_rng(2)
     cage = Cage.of({"a": box([0.1, -0.2, 0.05], [0.4, 0.9, 0.15], rotation(3))})
-    field = CageField(decoder, torch.linspace(-1, 1, SIZES["code_dim"])[None], cage)
+    field = CageField(decoder, torch.linspace(-1, 1, decoder.code_dim or SIZES["latent_dim"])[None], cage)
     unit = rng.uniform(-0.5, 0.5, (300, 3))
     values = field.values(cage.from_unit(unit, 0), 0)
     assert np.ptp(values) > 1e-3

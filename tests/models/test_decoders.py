@@ -11,8 +11,10 @@ from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.decoders import CUBOID, to_unit
 from cagesdf.models.sines import sine_features
+from tests.support import spheres
 
 SIZES: dict[str, Any] = {
+    **spheres.SIZES,
     "width": 16,
     "layers": 4,
     "latent_dim": 5,
@@ -22,10 +24,7 @@ SIZES: dict[str, Any] = {
     "cells": 4,
     "channels": 3,
     "line_cells": 6,
-    "line_channels": 2,
-    "context": 8,
     "context_layers": 2,
-    "heads": 2,
 }
 
 

@@ -73,6 +73,7 @@ def test_the_page_registers_each_thing_in_one_file_of_the_library(copy: tuple[Pa
         "cagesdf/evaluation/metrics.py",
         "cagesdf/editing/script.py",
         "cagesdf/editing/operations.py",
+        "cagesdf/api/shapes.py",
         "cagesdf/formats/parts_folder.py",
         "cagesdf/sampling/shapes.py",
     ]

@@ -11,7 +11,7 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 RADII = {"large": (0.6, 0.5), "small": (0.4, 0.3)}
 PARTS = ("body",)
-SIZES: dict[str, Any] = {  # of a small network of any kind
+SIZES: dict[str, Any] = {  # of a small network of any kind; a decoder's own numbers stand here, too
     "width": 24,
     "layers": 3,
     "latent_dim": 4,
