@@ -6,7 +6,6 @@ meaning, averaged in `tables.json`, shown in the report by its title and listed 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
 
 from cagesdf.evaluation.surfaces import Direction, Measured
 
@@ -51,7 +50,7 @@ class SurfaceMetric(Metric):
     """A metric of whole surfaces; a surface without faces gets `worst`."""
 
     of: Callable[[Measured, Measured], float]  # of the predicted and the true surface
-    worst: ClassVar[float] = 0.0
+    worst: float
 
 
 def accuracy(forth: Direction, back: Direction, side: float) -> float:
@@ -142,21 +141,21 @@ METRICS: tuple[PointMetric | SurfaceMetric, ...] = (
     SurfaceMetric(
         "iou", "IoU", "", True,
         "volume of the solids' intersection over that of their union, exact; 0 of a surface that isn't closed",
-        lambda predicted, truth: predicted.iou(truth),
+        lambda predicted, truth: predicted.iou(truth), worst=0.0,
     ),
     SurfaceMetric(
         "closed", "closed", "", True, "1 if the surface has no hole and one orientation",
-        lambda predicted, truth: float(predicted.closed),
+        lambda predicted, truth: float(predicted.closed), worst=0.0,
     ),
     SurfaceMetric(
         "same_components", "pieces", "", True,
         "1 if it has as many closed pieces as the true one, shells of cavities counted too",
-        lambda predicted, truth: float(predicted.topology[0] == truth.topology[0]),
+        lambda predicted, truth: float(predicted.topology[0] == truth.topology[0]), worst=0.0,
     ),
     SurfaceMetric(
         "same_genus", "handles", "", True,
         "1 if it has as many handles (genus, summed over the pieces) as the true one: a pierced back has one a hole",
-        lambda predicted, truth: float(predicted.topology[1] == truth.topology[1]),
+        lambda predicted, truth: float(predicted.topology[1] == truth.topology[1]), worst=0.0,
     ),
 )  # fmt: skip
 POINT_METRICS = tuple(metric for metric in METRICS if isinstance(metric, PointMetric))

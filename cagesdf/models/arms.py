@@ -38,9 +38,12 @@ def sizes_of_decoder(name: str) -> tuple[str, ...]:
 def make_decoder(name: str, seed: int, **sizes: Any) -> Decoder:
     """A decoder with weights drawn from `seed`; sizes that it doesn't have play no part.
 
-    Raises InputError as `decoder_class` does, and for sizes that don't go together.
+    Raises InputError as `decoder_class` does, for a size that is missing, and for sizes that don't go together.
     """
+    needed = sizes_of_decoder(name)
+    if missing := [size for size in needed if size not in sizes]:
+        raise InputError(f"{name}: no {', '.join(missing)}; wanted all of {', '.join(needed)}")
     # Layers draw from torch's global generator; it is left as it was.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return decoder_class(name)(**{size: sizes[size] for size in sizes_of_decoder(name)})
+        return decoder_class(name)(**{size: sizes[size] for size in needed})

@@ -85,6 +85,11 @@ def test_an_unknown_decoder_is_refused_with_the_names_of_those_there_are() -> No
         make_decoder("Mlp", **SIZES, seed=0)
 
 
+def test_a_size_that_is_missing_is_named() -> None:
+    with pytest.raises(InputError, match="CageDecoder: no layers; wanted all of width, layers"):
+        make_decoder("CageDecoder", 0, **{name: size for name, size in SIZES.items() if name != "layers"})
+
+
 def test_unit_coordinates_are_those_of_the_cage() -> None:
     points, _, cuboid = groups()
     cage = Cage.from_vectors(("a", "b", "c"), cuboid.double().numpy())
