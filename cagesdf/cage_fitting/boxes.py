@@ -24,6 +24,7 @@ GAIN = 1e-3  # a smaller share of the volume is not worth another round
 MANY = 1024  # planes, of which more are merged: on a hull so round they lie close
 BATCH = 64  # planes at once at most
 BATCH_EDGES = 2**16  # planes at once times hull edges: bounds the memory
+UPRIGHT = 0.08  # share of the least volume by which a box along the canonical axes may be larger
 ROOM = 1e-12  # canonical units added to each side, so that rounding leaves no point outside
 
 
@@ -44,6 +45,17 @@ def fit_cuboid(points: Float[ndarray, "n 3"], slack: float, min_size: float) -> 
     axes, traces = _name_axes(boxes.axes[near])
     # Rounded, so that equal boxes found on different ways tie; then the smaller one counts.
     return _box_along(axes[np.lexsort([boxes.volume[near], -traces.round(9)])[0]], points, min_size)
+
+
+def straight_cuboid(points: Float[ndarray, "n 3"], slack: float, min_size: float) -> Cuboid:
+    """The cuboid of `fit_cuboid`, or one along the canonical axes if that is at most UPRIGHT larger.
+
+    Round bodies and lids stand upright, but the least box of a bell or a carinated body may lie askew. Raises
+    ValueError as `fit_cuboid` does.
+    """
+    least = fit_cuboid(points, slack, min_size)
+    straight = _box_along(np.eye(3), points, min_size)
+    return straight if straight.size.prod() <= (1 + UPRIGHT) * least.size.prod() else least
 
 
 def nearest_frames(directions: Float[ndarray, "k 3"]) -> Float[ndarray, "k 3 3"]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.cage_fitting.boxes import fit_cuboid
+from cagesdf.cage_fitting.boxes import straight_cuboid
 from cagesdf.cage_fitting.fitted import TOLERANCE, FittedCage
 from cagesdf.cage_fitting.programs import bound_program, fit_program, fitting_loss, match_axes
 from cagesdf.cuboid import Cage
@@ -28,11 +28,11 @@ def fit_cage(
 ) -> FittedCage:
     """A cuboid for each part of a shape: of its program if it has one, of least volume if not.
 
-    `slack` and `min_size` are `fit_cuboid`'s; `points` are drawn from the surface of each part. Raises
+    `slack` and `min_size` are `straight_cuboid`'s; `points` are drawn from the surface of each part. Raises
     ShapeRejected if a free cuboid leaves a part more than `margin` (canonical) outside, or if the
     program doesn't execute. Cuboids of a program that can't bound their parts are flagged: `bounded`.
     """
-    boxes = Cage.of({part.part_id: fit_cuboid(part.mesh.vertices, slack, min_size) for part in shape.parts})
+    boxes = Cage.of({part.part_id: straight_cuboid(part.mesh.vertices, slack, min_size) for part in shape.parts})
     samples = np.array([sample_surface(part.mesh, points, rng)[0] for part in shape.parts])
     placed = shape.structure.placed_program()
     if placed is None:

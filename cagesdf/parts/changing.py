@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cagesdf.cage_fitting.boxes import fit_cuboid
+from cagesdf.cage_fitting.boxes import straight_cuboid
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError, NotSolidError, ShapeRejected
 from cagesdf.frames import Similarity, canonical_similarity
@@ -56,7 +56,7 @@ class Dissection:
 
     def cage(self) -> Cage:
         """A cuboid around each part, canonical."""
-        return Cage.of({part.name: fit_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in self.result.parts})
+        return Cage.of({part.name: straight_cuboid(part.mesh.vertices, SLACK, MIN_SIZE) for part in self.result.parts})
 
 
 def changed(found: FoundParts, changes: list[str], placement: Similarity) -> FoundParts:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from cagesdf.cage_fitting.boxes import _Hull, fit_cuboid, nearest_frames
+from cagesdf.cage_fitting.boxes import UPRIGHT, _Hull, fit_cuboid, nearest_frames, straight_cuboid
 from cagesdf.cuboid import CORNER_ORDER, Cage, Cuboid
 from tests.support import toy
 
@@ -196,3 +196,25 @@ def test_a_round_part_of_thousands_of_facets_is_bounded_nearly_as_tightly_as_can
     cuboid = fit(points)
     assert overshoot(points, cuboid) <= 0
     assert cuboid.size.prod() < 1.01 * 8 * 1.0 * 0.8 * 0.4
+
+
+def test_a_round_body_stands_upright_though_its_least_box_lies_askew_and_a_board_that_leans_leans() -> None:
+    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 48, endpoint=False), np.linspace(-1, 1, 65))
+    radius = (1 - np.abs(height) ** 1.9) ** (1 / 1.9)
+    body = np.stack([radius * np.cos(angle), height, 0.8 * radius * np.sin(angle)], axis=-1).reshape(-1, 3)
+    assert np.abs(fit(body).axes - np.eye(3)).max() > 0.2
+    upright = straight_cuboid(body, 0.01, FLOOR)
+    np.testing.assert_array_equal(upright.axes, np.eye(3))
+    np.testing.assert_allclose(upright.size, [2, 2, 1.6], atol=1e-9)
+    board = CORNER_ORDER * [0.5, 0.4, 0.03] @ Rotation.from_rotvec([0.05, 0, 0]).as_matrix()
+    np.testing.assert_allclose(straight_cuboid(board, 0.01, FLOOR).size, [0.5, 0.4, 0.03], atol=1e-6)
+
+
+@given(seed=st.integers(0, 20_000))
+@settings(max_examples=20, deadline=None)
+def test_a_straight_cuboid_bounds_its_points_and_is_hardly_larger_than_the_least(seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(30, 3))
+    straight = straight_cuboid(points, 0.01, FLOOR)
+    local = (points - straight.centre) @ straight.axes.T
+    assert (np.abs(local) <= straight.size / 2 + 1e-9).all()
+    assert straight.size.prod() <= (1 + UPRIGHT) * fit(points).size.prod()
