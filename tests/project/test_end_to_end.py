@@ -21,11 +21,12 @@ GRAPH = yaml.safe_load((workspace.ROOT / "dvc.yaml").read_text(encoding="utf-8")
 
 
 def repro(folder: Path) -> str:
-    """What `make repro` does, on one core."""
+    """Run the graph as `make repro` does, on one core; the output."""
     return run(folder, "pipeline.lanes")
 
 
 def dvc_repro(folder: Path) -> str:
+    """Run it with DVC alone; the output."""
     return run(folder, "dvc", "repro")
 
 

@@ -25,7 +25,7 @@ from cagesdf.sampling.parts import (
     sample_part,
     shares,
     thinness,
-)  # fmt: skip
+)
 from cagesdf.structure.hierarchy import Node
 from tests.support import toy
 
