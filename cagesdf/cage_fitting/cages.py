@@ -26,7 +26,7 @@ STAGE = "fit_cuboids"
 def fit_cage(
     shape: Shape, slack: float, min_size: float, margin: float, points: int, rng: np.random.Generator
 ) -> FittedCage:
-    """A cuboid for each part of a shape: of its program if it has one, of least volume if not.
+    """A cuboid for each part of a shape: of its program if it has one, upright or of least volume if not.
 
     `slack` and `min_size` are `straight_cuboid`'s; `points` are drawn from the surface of each part. Raises
     ShapeRejected if a free cuboid leaves a part more than `margin` (canonical) outside, or if the

@@ -50,7 +50,7 @@ class SurfaceMetric(Metric):
     """A metric of whole surfaces; a surface without faces gets `worst`."""
 
     of: Callable[[Measured, Measured], float]  # of the predicted and the true surface
-    worst: float
+    worst: float  # the value of a surface without faces
 
 
 def accuracy(forth: Direction, back: Direction, side: float) -> float:
