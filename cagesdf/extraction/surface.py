@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 from manifold3d import Manifold
@@ -119,7 +120,7 @@ class LiveSurface:
         if not held:
             return Extraction(NOTHING, meshes, evaluations, 0.0, 0, 0, 0.0)
         unions: dict[tuple[bytes, ...], Manifold] = {}
-        whole = in_order(from_manifold(self._united(tuple(held), held, unions)))
+        whole = in_order(from_manifold(self._united(held, unions)))
         self._unions = unions
         whole, meshes = self.symmetry(whole, meshes, cage)
         mesh = self.loose(whole)
@@ -129,23 +130,22 @@ class LiveSurface:
         clipped = sum(part.clipped for part in parts) / sum(part.vertices for part in parts)
         return Extraction(mesh, meshes, evaluations, clipped, components, dropped, overshoot)
 
-    def _united(
-        self, keys: tuple[bytes, ...], solids: Mapping[bytes, Manifold], unions: dict[tuple[bytes, ...], Manifold]
-    ) -> Manifold:
-        """The union of solids, by halves; `unions` gets the union of every half with more than one solid.
+    def _united(self, solids: Mapping[bytes, Manifold], unions: dict[tuple[bytes, ...], Manifold]) -> Manifold:
+        """The union of solids, the two with the fewest faces first; `unions` gets all but the single ones.
 
-        An edit makes only unions with the edited part anew. The order is the cage's, whichever part was edited.
+        Least work, as in Huffman's codes: a large part is united once, with all that was united before. Unions of the
+        last surface are taken again, so that an edit makes only those with the edited part anew; which part that was
+        doesn't change the order.
         """
-        if len(keys) == 1:
-            return solids[keys[0]]
-        if keys in self._unions:
-            unions.update({subset: union for subset, union in self._unions.items() if set(subset) <= set(keys)})
-            return self._unions[keys]
-        middle = len(keys) // 2
-        union = self._united(keys[:middle], solids, unions) + self._united(keys[middle:], solids, unions)
-        union.num_tri()  # now: manifold3d would put off this one, and do it in another order with those above
-        unions[keys] = union
-        return union
+        waiting = [(solid.num_tri(), number, (key,), solid) for number, (key, solid) in enumerate(solids.items())]
+        heapify(waiting)
+        while len(waiting) > 1:
+            (_, number, keys, solid), (_, _, further, other) = heappop(waiting), heappop(waiting)
+            keys += further
+            union = unions[keys] = self._unions[keys] if keys in self._unions else solid + other
+            # The number of faces now: manifold3d would put the union off, and make it in another order with later ones.
+            heappush(waiting, (union.num_tri(), number, keys, union))
+        return waiting[0][3]
 
 
 def in_order(mesh: Mesh) -> Mesh:

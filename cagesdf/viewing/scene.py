@@ -27,6 +27,10 @@ GROUND: dict[bool, tuple[Colour, Colour]] = {
     False: ((236, 235, 232), (222, 220, 214)),
     True: ((42, 42, 44), (58, 58, 62)),
 }
+# Light of the sky (its colour, the ground's) and of lamps (colour, intensity, where from). viser's own, an environment
+# and shadows, takes ten times as long to draw where there is no graphics card.
+SKY, FLOOR, SKY_INTENSITY = (255, 255, 255), (112, 112, 120), 2.0
+LAMPS = (((255, 250, 242), 2.1, (1.5, 3.6, 3.4)), ((235, 240, 255), 0.8, (-4.0, 1.5, 1.0)))
 TOOLS = ("Move", "Turn", "Resize")
 LOOKS = ("Parts", "Clay", "Wireframe")
 
@@ -74,6 +78,7 @@ class Stage:
         self._truth: Any = None
         self._plane: Any = None
         self._scene.set_up_direction("+y")
+        self._light()
         # Clicks are those of the whole scene: boxes that listened would keep the mouse from a gizmo behind them.
         self._scene.on_click()(lambda event: self._clicked(event, more=False))
         self._scene.on_click(modifier="shift")(lambda event: self._clicked(event, more=True))
@@ -88,6 +93,15 @@ class Stage:
             self._resize()
 
         client.camera.on_update(looked)
+
+    def _light(self) -> None:
+        self._scene.configure_environment_map(None)
+        self._scene.configure_default_lights(enabled=False)
+        self._scene.add_light_hemisphere(
+            "/lights/sky", sky_color=SKY, ground_color=FLOOR, intensity=SKY_INTENSITY, position=(0.0, 1.0, 0.0)
+        )
+        for number, (colour, intensity, position) in enumerate(LAMPS):
+            self._scene.add_light_directional(f"/lights/{number}", color=colour, intensity=intensity, position=position)
 
     def close(self) -> None:
         """Follow the camera no more; viser keeps its callbacks as long as the page is there."""

@@ -166,13 +166,16 @@ class EditorPage:
         tile = self.page.locator("button", has=self.page.locator("img.tile")).filter(has_text=re.compile(f"^{name}$"))
         return tile.count() == 1 and len(tile.locator("img").get_attribute("src") or "") > 2000
 
-    def click_nothing(self) -> None:
-        """In the lower left corner of what is seen of the view, which neither the shape nor a notice reaches."""
-        at = self.page.evaluate(
+    def ground(self) -> tuple[float, float]:
+        """A place in the lower left corner of the view, which neither the shape nor a notice reaches."""
+        x, y = self.page.evaluate(
             "() => { const y = innerHeight - 20; let x = 0;"
             " while (document.elementFromPoint(x, y)?.tagName !== 'CANVAS') x += 5; return [x + 20, y] }"
         )
-        self.page.mouse.click(*at)
+        return x, y
+
+    def click_nothing(self) -> None:
+        self.page.mouse.click(*self.ground())
 
     def drawn(self, frames: int = 3) -> None:
         """Wait until the scene was drawn so many times: what came meanwhile is in it, and the mouse meets it."""
