@@ -21,7 +21,7 @@ from cagesdf.demo import DEMO
 from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import serving
-from tests.support.chromium import FLAGS, SELDOM, chromium
+from tests.support.chromium import FLAGS, chromium
 from tests.support.page import CENTRE, EditorPage
 
 CHAIR, LEGS = "chair_0002", "chair_0007"
@@ -87,12 +87,12 @@ def main() -> None:
     with serving({"demo": run}, "127.0.0.1", 0, 2) as editor, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), headless=True, args=list(FLAGS))
         with tempfile.TemporaryDirectory() as folder:
-            tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
-            tab.add_init_script(SELDOM)
-            page = EditorPage(tab, editor.address, Path(folder))
+            page = EditorPage(
+                browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}), editor.address, Path(folder)
+            )
             mixed(page)
             page.tab("Style")
-            page.until(lambda: page.drawn_tile(CHAIR), "pictures of styles")
+            page.until(lambda: all(map(page.drawn_tile, page.tiles)), "pictures of styles")
             save(page, arguments.out / "editor.png")
             page.tab("New")
             for name in NEW:

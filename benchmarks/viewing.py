@@ -245,7 +245,7 @@ def main() -> None:
             camera = Camera(np.array(client.position), np.array(client.look_at), client.fov, client.image_height)
             page.page.wait_for_timeout(20_000)  # pictures of styles are drawn
             page.tab("Style")
-            shown = list(page.page.locator("button:has(img.tile)").all_inner_texts())
+            shown = page.tiles
             page.tab("Cuboids")
             print(f"On {processor()}.\n")
             print("| | n | p50 s | p95 s | largest s | wanted s |\n|---|---|---|---|---|---|", flush=True)

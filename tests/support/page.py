@@ -161,6 +161,12 @@ class EditorPage:
         for notice in self.page.locator("button.mantine-Notification-closeButton").all():
             notice.click()
 
+    @property
+    def tiles(self) -> list[str]:
+        """Names of the pictures that are in sight and can be clicked."""
+        names = self.page.locator("button:has(img.tile):visible").all_inner_texts()
+        return [name.strip() for name in names]
+
     def drawn_tile(self, name: str) -> bool:
         """Whether there is a picture above a name that can be clicked: more than a blank one."""
         tile = self.page.locator("button", has=self.page.locator("img.tile")).filter(has_text=re.compile(f"^{name}$"))
