@@ -135,6 +135,9 @@ class TrainedRun:
             fit = inference.fit_shape(self.session.run, self._known, shape, inference.usual_settings(), seed)
         return FittedShape(self.session, fit)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.folder}; {len(self.shapes)} shapes>"
+
     def _repr_html_(self) -> str:
         return run_html(str(self.folder), {name: self.session.run.sequences[name].cages[0] for name in self.shapes})
 

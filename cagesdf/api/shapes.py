@@ -125,6 +125,9 @@ class ModelledShape(ABC):
         with replacing(path) as partial:
             write_model(partial, model)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.title}; {len(self.cage)} cuboids>"
+
     def _repr_html_(self) -> str:
         return shape_html(self.title, self.cage, self.cuboids, self.extract(PREVIEW).mesh)
 

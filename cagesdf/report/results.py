@@ -5,9 +5,9 @@
 Those of the README and of docs/metrics.md stand between two comments and are replaced there.
 """
 
+import argparse
 import json
 import re
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -200,12 +200,16 @@ def _categories(tables: Tables) -> list[str]:
     return sorted(tables["table1"])
 
 
-def main(tables: Path, page: Path, readme: Path, metrics: Path) -> None:
+def main() -> None:
     """Write the page, the README's table, and that of the metrics."""
-    figures = json.loads(tables.read_text(encoding="utf-8"))
-    _replace(page, lambda _: results_page(figures))
-    _replace(readme, lambda text: with_readme_table(text, figures))
-    _replace(metrics, with_metrics)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("tables", "page", "readme", "metrics"):
+        parser.add_argument(name, type=Path)
+    arguments = parser.parse_args()
+    figures = json.loads(arguments.tables.read_text(encoding="utf-8"))
+    _replace(arguments.page, lambda _: results_page(figures))
+    _replace(arguments.readme, lambda text: with_readme_table(text, figures))
+    _replace(arguments.metrics, with_metrics)
 
 
 def _replace(path: Path, change: Callable[[str], str]) -> None:
@@ -213,4 +217,4 @@ def _replace(path: Path, change: Callable[[str], str]) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    main()

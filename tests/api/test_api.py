@@ -205,6 +205,12 @@ def test_new_shapes_have_the_bytes_of_those_that_the_command_makes(command: Comm
         assert cagesdf.load_run(folder).open(shape.shape_id).edit(shape.script).script == shape.script
 
 
+def test_shapes_and_runs_are_printed_as_lines(run: cagesdf.TrainedRun) -> None:
+    shape = run.open("a").move("seat", by=(0, 0.1, 0))
+    assert repr(shape) == f"<EditableShape: a, 1 operations; {len(shape.cage)} cuboids>"
+    assert repr(run) == f"<TrainedRun: {run.folder}; 2 shapes>"
+
+
 def test_a_notebook_shows_pictures_and_names_of_any_spelling(run: cagesdf.TrainedRun, without_opengl: None) -> None:
     html = run.open("a")._repr_html_()
     assert html.count("data:image/png;base64,") == 1
