@@ -25,6 +25,7 @@ ALONG = 0.9  # cosine between normals of one contact, at least
 SAMPLES = 2000  # points of a part's surface that are probed for contacts, beside the centres of its faces
 DIRECTIONS = 6  # of the contacts with one neighbour, at most
 HALVINGS = 3  # of REACH in a neighbour that is thin
+CROWDED = 8  # times as many faces as those of the solids has a union of surfaces that cross each other everywhere
 THROUGH = 1.9  # times as much of a neighbour is met twice as far: less, and a part would come out on its other side
 
 
@@ -80,9 +81,12 @@ def overlapping(meshes: list[Mesh], tolerance: float) -> list[Mesh]:
 def _with(mesh: Mesh, solids: list[manifold3d.Manifold], tolerance: float) -> Mesh:
     """The union of a part and its pieces without crumbs, which lie where faces coincide; the part if that isn't closed.
 
-    A crumb has no thickness, and the repair would take all of the part for a sheet.
+    A crumb has no thickness, and the repair would take all of the part for a sheet. The part comes back, too, where
+    surfaces nearly coincide and cross each other everywhere: taking that apart takes gigabytes.
     """
     whole = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).simplify(tolerance)
+    if whole.num_tri() > CROWDED * sum(solid.num_tri() for solid in solids):
+        return mesh
     least = CRUMB * whole.volume()
     result = join([from_manifold(piece) for piece in whole.decompose() if abs(piece.volume()) > least])
     return result if is_closed(result) and is_closed(weld(result, tolerance)) else mesh
@@ -115,7 +119,10 @@ def _contacts(body: _Body, neighbour: _Body) -> list[Float[ndarray, " 3"]]:
 
 
 def _piece(body: _Body, neighbour: _Body, direction: Float[ndarray, " 3"]) -> manifold3d.Manifold:
-    """The share of the neighbour that a part meets when it is moved by REACH, or less where that is thin."""
+    """The share of the neighbour that a part meets when it is moved by REACH, or less where that is thin.
+
+    Nothing of a neighbour that the part already reaches into as far, such as a sheet that comes twice.
+    """
     reach = REACH
     piece = _met(body, neighbour, reach * direction)
     for _ in range(HALVINGS):
@@ -123,7 +130,8 @@ def _piece(body: _Body, neighbour: _Body, direction: Float[ndarray, " 3"]) -> ma
             break
         reach /= 2
         piece = _met(body, neighbour, reach * direction)
-    return piece
+    held = (body.solid ^ neighbour.solid).volume()
+    return piece if held < piece.volume() / 2 else manifold3d.Manifold()
 
 
 def _met(body: _Body, neighbour: _Body, offset: Float[ndarray, " 3"]) -> manifold3d.Manifold:

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.geometry.solid import as_manifold, from_manifold, union
 from cagesdf.importing import import_shape
+from cagesdf.parts import overlapping as parts_overlapping
 from cagesdf.parts.cutting import cut
 from cagesdf.parts.overlapping import REACH, overlapping
 from cagesdf.shape import RawPart, RawShape
@@ -55,6 +56,20 @@ def test_a_part_ends_within_a_thin_neighbour() -> None:
     board = toy.box([0, 0.004, 0], [1, 0.008, 1])
     _, leg = overlapping([board, LEG], WELD)
     assert 0.001 < leg.vertices[:, 1].max() <= 0.004
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_board_that_comes_twice_is_not_continued_by_its_copy(axis: int) -> None:
+    """Moved along itself a board meets nearly all of a copy, which it holds already."""
+    board = toy.box([0, 0, 0], [1, 0.05, 0.7])
+    copy = board.with_vertices(Rotation.from_rotvec([1e-4, 2e-4, 1e-4]).apply(board.vertices))
+    bodies = [parts_overlapping._Body.of(mesh) for mesh in (board, copy)]
+    assert parts_overlapping._piece(*bodies, np.eye(3)[axis]).is_empty()
+
+
+def test_surfaces_that_cross_each_other_everywhere_are_not_united(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts_overlapping, "CROWDED", 1e-3)
+    assert all(mesh is before for mesh, before in zip(overlapping([SEAT, LEG], WELD), [SEAT, LEG], strict=True))
 
 
 def test_parts_that_reach_into_each_other_or_lie_apart_stay_as_they_are() -> None:
