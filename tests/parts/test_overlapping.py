@@ -63,8 +63,8 @@ def test_a_board_that_comes_twice_is_not_continued_by_its_copy(axis: int) -> Non
     """Moved along itself a board meets nearly all of a copy, which it holds already."""
     board = toy.box([0, 0, 0], [1, 0.05, 0.7])
     copy = board.with_vertices(Rotation.from_rotvec([1e-4, 2e-4, 1e-4]).apply(board.vertices))
-    bodies = [parts_overlapping._Body.of(mesh) for mesh in (board, copy)]
-    assert parts_overlapping._piece(*bodies, np.eye(3)[axis]).is_empty()
+    one, other = map(parts_overlapping._Body.of, (board, copy))
+    assert parts_overlapping._piece(one, other, np.eye(3)[axis]).is_empty()
 
 
 def test_surfaces_that_cross_each_other_everywhere_are_not_united(monkeypatch: pytest.MonkeyPatch) -> None:
