@@ -3,11 +3,15 @@
 The files that take longest come first, so that no worker ends long after the others; names of tests are words.
 """
 
+import inspect
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import jaxtyping
 import pytest
+from beartype import BeartypeConf, beartype
 from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
@@ -16,6 +20,25 @@ if TYPE_CHECKING:
 
 for name in ("OMP_NUM_THREADS", "IGL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+jaxtyped = jaxtyping.jaxtyped
+
+
+def checked(*, typechecker: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """jaxtyping's decorator for what has arrays in its signature, beartype alone for other functions.
+
+    A function without arrays has no dimensions that must agree, and jaxtyping takes 30 µs of each of its calls.
+    """
+
+    def decorated(item: Any) -> Any:
+        if inspect.isclass(item) or "jaxtyping." in str(item.__annotations__.values()):
+            return jaxtyped(item, typechecker=typechecker)
+        return beartype(conf=BeartypeConf(violation_type=TypeError))(item)
+
+    return decorated
+
+
+setattr(jaxtyping, "jaxtyped", checked)  # noqa: B010 — by this name the import hook finds it
 
 # A busy machine is no failure, and a run must not fail by chance: new examples come with a change of the test.
 settings.register_profile("project", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
