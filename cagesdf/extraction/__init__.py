@@ -12,11 +12,13 @@ marching.py   a surface from values, its vertices moved to the zero set
 merging.py    fewer vertices where it is nearly flat
 part.py       the closed solid of a part
 promises.py   invariants of every surface
+owners.py     whose surface each face is
 surface.py    `extract`, and `LiveSurface` for edits
 """
 
 from cagesdf.extraction.field import CUBE, CageField, field_of
 from cagesdf.extraction.marching import NOTHING
+from cagesdf.extraction.owners import face_owners
 from cagesdf.extraction.part import PREVIEW, USUAL, Fineness, Part
 from cagesdf.extraction.promises import LOOSE, SYMMETRIES
 from cagesdf.extraction.surface import (
@@ -45,6 +47,7 @@ __all__ = [
     "dense_values",
     "extract",
     "extract_surface",
+    "face_owners",
     "field_of",
     "sparse_values",
 ]

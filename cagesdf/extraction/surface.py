@@ -137,11 +137,13 @@ class LiveSurface:
         last surface are taken again, so that an edit makes only those with the edited part anew; which part that was
         doesn't change the order.
         """
-        waiting = [(solid.num_tri(), number, (key,), solid) for number, (key, solid) in enumerate(solids.items())]
+        waiting: list[tuple[int, int, tuple[bytes, ...], Manifold]] = [
+            (solid.num_tri(), number, (key,), solid) for number, (key, solid) in enumerate(solids.items())
+        ]
         heapify(waiting)
         while len(waiting) > 1:
-            (_, number, keys, solid), (_, _, further, other) = heappop(waiting), heappop(waiting)
-            keys += further
+            (_, number, first, solid), (_, _, second, other) = heappop(waiting), heappop(waiting)
+            keys = first + second
             union = unions[keys] = self._unions[keys] if keys in self._unions else solid + other
             # The number of faces now: manifold3d would put the union off, and make it in another order with later ones.
             heappush(waiting, (union.num_tri(), number, keys, union))

@@ -12,6 +12,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.extraction import Extraction, face_owners
 from cagesdf.geometry.meshes import Mesh, compact
 from cagesdf.rendering import CLAY, EDGES, rgb
 from cagesdf.viewing.colours import AXES, SELECTED, Colour
@@ -157,11 +158,14 @@ class Stage:
         """The ground, where a cage stands."""
         self._ground.position = (0.0, float(cage.corners()[:, :, 1].min()) - 2e-3, 0.0)
 
-    def show_surface(self, mesh: Mesh, cage: Cage, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
+    def show_surface(
+        self, surface: Extraction, cage: Cage, colours: Mapping[str, Colour], hidden: Set[str], look: str
+    ) -> None:
         """A surface cut into its parts, in one of LOOKS."""
-        owner, _ = cage.assign(mesh.corners().mean(axis=1)) if len(mesh.faces) else (np.zeros(0, int), None)
+        mesh = surface.mesh
+        owners = face_owners(mesh, surface.parts, cage)
         patches = {
-            cage.part_ids[i]: compact(Mesh(mesh.vertices, mesh.faces[owner == i])) for i in np.unique(owner).tolist()
+            cage.part_ids[i]: compact(Mesh(mesh.vertices, mesh.faces[owners == i])) for i in np.unique(owners).tolist()
         }
         self.show_parts(patches, colours, hidden, look)
 

@@ -192,7 +192,9 @@ class Tab:
             return
         self._made = made
         mesh, state = made.extraction.mesh, made.state
-        self._stage.show_surface(mesh, state.cage, self._colours(state), self._hidden, self._panel.look.value)
+        self._stage.show_surface(
+            made.extraction, state.cage, self._colours(state), self._hidden, self._panel.look.value
+        )
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
         self._panel.mark.value = f"{made.cells} cells, {mark}"
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"

@@ -20,12 +20,10 @@ from cagesdf.demo import DEMO
 from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import Editor, serving
-from tests.support.chromium import FLAGS, SELDOM, chromium
+from tests.support.chromium import FLAGS, chromium
 from tests.support.page import PATIENCE, EditorPage
 
-WIDE = ViewportSize(width=1280, height=800)
-NARROW = ViewportSize(width=860, height=800)  # both panels, and little of the view, which software draws slowly
-OFTEN = "void 0"  # the page draws as often as it can
+SIZE = ViewportSize(width=1280, height=800)
 
 
 @pytest.fixture(scope="session")
@@ -61,27 +59,17 @@ def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def visit(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
     """Opens the editor in a new tab, once more with each call. At the end no page may have complained."""
-    with visiting(browser, editor, screenshots, WIDE, OFTEN) as come:
-        yield come
-
-
-@pytest.fixture
-def visit_narrow(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
-    """As `visit`, in narrow windows that are seldom drawn."""
-    with visiting(browser, editor, screenshots, NARROW, SELDOM) as come:
+    with visiting(browser, editor, screenshots) as come:
         yield come
 
 
 @contextmanager
-def visiting(
-    browser: Browser, editor: Editor, screenshots: Path, size: ViewportSize, script: str
-) -> Iterator[Callable[[], EditorPage]]:
-    """A function that opens the editor in a new tab of some size, after a script."""
+def visiting(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[Callable[[], EditorPage]]:
+    """A function that opens the editor in a new tab."""
     pages: list[EditorPage] = []
 
     def come() -> EditorPage:
-        page = browser.new_page(viewport=size, accept_downloads=True)
-        page.add_init_script(script)
+        page = browser.new_page(viewport=SIZE, accept_downloads=True)
         pages.append(EditorPage(page, editor.address, screenshots))
         return pages[-1]
 

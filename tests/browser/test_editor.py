@@ -206,10 +206,8 @@ def _nearest_face(cage: Cage, part: str, camera: Camera) -> tuple[int, int]:
     return max(faces)[1:]
 
 
-def test_the_style_changes_the_surface_and_not_the_cuboids(
-    visit_narrow: Visit, session: Session, tmp_path: Path
-) -> None:
-    page = visit_narrow()
+def test_the_style_changes_the_surface_and_not_the_cuboids(visit: Visit, session: Session, tmp_path: Path) -> None:
+    page = visit()
     before = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
@@ -225,9 +223,9 @@ def test_the_style_changes_the_surface_and_not_the_cuboids(
 
 
 def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_to_the_last_bit(
-    visit_narrow: Visit, session: Session, tmp_path: Path
+    visit: Visit, session: Session, tmp_path: Path
 ) -> None:
-    page = visit_narrow()
+    page = visit()
     state, before = state_of(session, page), page.settled()
     legs = {name for part, name in part_names(state.structure).items() if state.structure.labels()[part] == "leg"}
     other = next(
@@ -270,9 +268,9 @@ def test_the_legs_of_one_chair_stand_under_another_and_the_rest_stays_the_same_t
 
 
 def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_the_same(
-    visit_narrow: Visit, session: Session, tmp_path: Path
+    visit: Visit, session: Session, tmp_path: Path
 ) -> None:
-    page = visit_narrow()
+    page = visit()
     opened = page.settled()
     name = next(iter(part_names(state_of(session, page).structure).values()))
     page.select(name)
@@ -288,14 +286,14 @@ def test_an_export_is_a_closed_mesh_and_a_reloaded_script_and_the_command_give_t
     assert trimesh.load_mesh(mesh).is_watertight
     edit(DEMO / "run", page.value("Shape"), script, tmp_path / "command.ply")
     assert (tmp_path / "command.ply").read_bytes() == mesh.read_bytes()
-    other = visit_narrow()
+    other = visit()
     other.tab("File")
     other.upload("Load script", "script.json", script.read_bytes())
     other.until(lambda: other.surface == after, "the surface of the script")
 
 
-def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is_left(visit_narrow: Visit) -> None:
-    page = visit_narrow()
+def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is_left(visit: Visit) -> None:
+    page = visit()
     before, opened = page.settled(), page.value("Shape")
     page.tab("Style")
     page.until(lambda: page.drawn_tile(opened), "a picture of the style")
@@ -326,8 +324,8 @@ def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is
     page.refused("nothing to take back")
 
 
-def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit_narrow: Visit, tmp_path: Path) -> None:
-    page = visit_narrow()
+def test_parts_from_files_come_in_and_go_out_in_their_own_frame(visit: Visit, tmp_path: Path) -> None:
+    page = visit()
     before = page.settled()
     page.tab("File")
     parts = {"seat": ([400, 40, 400], [1000, 400, 0]), "back": ([400, 500, 40], [1000, 670, -180])}
@@ -438,9 +436,9 @@ def test_the_list_selects_without_changing_the_surface_s_colours_and_keys_copy_d
 
 
 def test_a_higher_seat_takes_legs_along_and_what_can_not_be_is_said_until_it_is_dismissed(
-    visit_narrow: Visit, session: Session, tmp_path: Path
+    visit: Visit, session: Session, tmp_path: Path
 ) -> None:
-    page = visit_narrow()
+    page = visit()
     before, state = page.settled(), state_of(session, page)
     page.select("leg_1")
     length = page.numbers(LENGTHS)[1]

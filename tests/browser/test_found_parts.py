@@ -31,10 +31,8 @@ def pinks(page: EditorPage) -> int:
     return int(((red > green + 30) & (blue > green + 10) & (red > blue)).sum())
 
 
-def test_parts_that_are_found_are_merged_split_renamed_fitted_again_and_saved(
-    visit_narrow: Visit, tmp_path: Path
-) -> None:
-    page = visit_narrow()
+def test_parts_that_are_found_are_merged_split_renamed_fitted_again_and_saved(visit: Visit, tmp_path: Path) -> None:
+    page = visit()
     before = page.settled()
     toy.write_obj(tmp_path / "stool.obj", STOOL)  # one mesh without groups
     page.tab("File")

@@ -12,8 +12,8 @@ pytestmark = pytest.mark.slow
 Visit = Callable[[], EditorPage]
 
 
-def test_parts_are_hidden_by_their_eyes_locked_added_and_split(visit_narrow: Visit, tmp_path: Path) -> None:
-    page = visit_narrow()
+def test_parts_are_hidden_by_their_eyes_locked_added_and_split(visit: Visit, tmp_path: Path) -> None:
+    page = visit()
     before = page.settled()
     assert page.hidden == []
     page.eye("seat_surface").click()

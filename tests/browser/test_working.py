@@ -23,8 +23,7 @@ from cagesdf.viewing import drawing
 from cagesdf.viewing.keys import KEYS
 from cagesdf.viewing.scene import LOOKS
 from cagesdf.viewing.server import Editor
-from tests.browser.conftest import NARROW, visiting
-from tests.support.chromium import SELDOM
+from tests.browser.conftest import visiting
 from tests.support.page import CENTRE, EditorPage
 
 pytestmark = pytest.mark.slow
@@ -32,7 +31,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, editor: Editor, screenshots: Path) -> Iterator[EditorPage]:
-    with visiting(browser, editor, screenshots, NARROW, SELDOM) as come:
+    with visiting(browser, editor, screenshots) as come:
         yield come()
 
 

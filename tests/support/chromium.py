@@ -11,10 +11,6 @@ FLAGS = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
     "--disable-quic", "--disable-extensions",
 )  # fmt: skip
-# Software draws a frame in a good part of a second: at most two a second leave the cores to everything else.
-SELDOM = """const draw = requestAnimationFrame.bind(window), drop = clearTimeout.bind(window);
-window.requestAnimationFrame = frame => setTimeout(() => draw(frame), 500);
-window.cancelAnimationFrame = drop;"""
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 
