@@ -206,7 +206,7 @@ def test_new_shapes_have_the_bytes_of_those_that_the_command_makes(command: Comm
 
 
 def test_shapes_and_runs_are_printed_as_lines(run: cagesdf.TrainedRun) -> None:
-    shape = run.open("a").move("seat", by=(0, 0.1, 0))
+    shape = run.open("a").move("seat", by=(0.0, 0.1, 0.0))
     assert repr(shape) == f"<EditableShape: a, 1 operations; {len(shape.cage)} cuboids>"
     assert repr(run) == f"<TrainedRun: {run.folder}; 2 shapes>"
 
