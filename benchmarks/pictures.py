@@ -3,7 +3,7 @@
     python -m benchmarks.pictures docs/pictures
 
 opens the demo in Chromium, gives a chair with slats another chair's legs and one more slat (editor.png), and draws
-three new shapes (editor_new.png).
+three new shapes, of which the second is open (editor_new.png).
 """
 
 import argparse
@@ -101,6 +101,10 @@ def main() -> None:
                 page.until(partial(_open, page, name), name)
                 page.settled(before)
             page.until(lambda: all(page.drawn_tile(name) for name in NEW), "pictures of the new shapes")
+            before = page.settled()
+            page.choose("Shape", NEW[1])
+            page.settled(before)
+            page.tab("New")
             save(page, arguments.out / "editor_new.png")
         browser.close()
 

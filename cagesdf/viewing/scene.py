@@ -29,7 +29,7 @@ GROUND: dict[bool, tuple[Colour, Colour]] = {
     True: ((42, 42, 44), (58, 58, 62)),
 }
 # Light of the sky (its colour, the ground's) and of lamps (colour, intensity, where from). viser's own, an environment
-# and shadows, takes ten times as long to draw where there is no graphics card.
+# and shadows, takes five times as long to draw where there is no graphics card.
 SKY, FLOOR, SKY_INTENSITY = (255, 255, 255), (112, 112, 120), 2.0
 LAMPS = (((255, 250, 242), 2.1, (1.5, 3.6, 3.4)), ((235, 240, 255), 0.8, (-4.0, 1.5, 1.0)))
 TOOLS = ("Move", "Turn", "Resize")
