@@ -151,7 +151,9 @@ def test_a_surface_in_pieces_is_warned_of_and_a_sound_one_isn_t(page: EditorPage
     page.upload("Load script", "torn.json", script.encode())
     page.settled(before)
     page.page.get_by_text("in pieces, or without a surface; another style or thicker cuboids help").wait_for()
-    page.page.get_by_text(re.compile("thick; wanted 2 cells: ([0-9]+ cells would hold it|more than 512 cells)")).wait_for()
+    page.page.get_by_text(
+        re.compile("thick; wanted 2 cells: ([0-9]+ cells would hold it|more than 512 cells)")
+    ).wait_for()
     page.picture("warning")
     page.press("Undo")
     page.until(lambda: page.surface == before, "the surface of before")
