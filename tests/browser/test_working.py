@@ -145,15 +145,13 @@ def test_a_surface_in_pieces_is_warned_of_and_a_sound_one_isn_t(page: EditorPage
     page.page.get_by_text("Health: closed, 1 component").wait_for()
     assert "⚠" not in page.page.locator("body").inner_text()
     session = Session(read_run(DEMO / "run"))
-    code = 4 * session.opened(page.value("Shape")).latent
+    code = -3 * session.opened(page.value("Shape")).latent
     page.tab("File")
     script = dump((Style(code=tuple(code.tolist())),))
     page.upload("Load script", "torn.json", script.encode())
     page.settled(before)
     page.page.get_by_text("in pieces, or without a surface; another style or thicker cuboids help").wait_for()
-    page.page.get_by_text(
-        re.compile("thick; wanted 2 cells: ([0-9]+ cells would hold it|more than 512 cells)")
-    ).wait_for()
+    page.page.get_by_text(re.compile("thick; wanted 2 cells: [0-9]+ cells would hold it")).wait_for()
     page.picture("warning")
     page.press("Undo")
     page.until(lambda: page.surface == before, "the surface of before")
@@ -213,6 +211,5 @@ def test_work_is_offered_again_after_the_page_is_loaded_anew(page: EditorPage) -
     page.until(lambda: page.surface == moved, "the moved part")
     page.press("Undo")
     page.until(lambda: page.surface == before, "as it was")
-    for button in page.page.get_by_role("button", name="Forget all").all():  # work of the tests before, if there is any
-        button.click()
+    page.page.get_by_role("button", name="Forget all").click()  # work of the tests before
     page.until(lambda: page.page.get_by_text("Earlier work").count() == 0, "nothing to continue")

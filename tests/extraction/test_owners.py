@@ -1,4 +1,4 @@
-"""Whose surface a face of a union is: against the nearest surface, slowly."""
+"""The parts that a union's faces come from, against distances to the parts' surfaces."""
 
 import numpy as np
 import pytest
