@@ -24,10 +24,21 @@ from cagesdf.io.cage_generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import beside, read_run
 from cagesdf.seeds import item_rng
-from cagesdf.shape_generation.surfaces import CageDraws, CodeSource, Order, code_source, has_cuboids, of_program, orders
+from cagesdf.shape_generation.surfaces import (
+    CageDraws,
+    CodeSource,
+    Order,
+    code_source,
+    has_cuboids,
+    methods_of,
+    of_program,
+    orders,
+    usual_method,
+)
 from cagesdf.structure.parsing import read_program
 
 MOST = 100_000  # new shapes
+CodeMethod = Literal["independent", "dependent", "by_part"]
 
 
 def load_run(folder: Path | str, programs: Path | str | None = None) -> "TrainedRun":
@@ -73,14 +84,15 @@ class TrainedRun:
         count: int,
         seed: int = 0,
         *,
-        latent: Literal["independent", "dependent"] | None = None,
+        latent: CodeMethod | None = None,
         temperature: float = 1.0,
         program: Path | str | None = None,
     ) -> list[EditableShape]:
         """New shapes, to edit: new cuboids and new codes, in the canonical frame. The same for the same seed.
 
-        `latent` "dependent", the default, makes codes of shapes with similar cuboids likelier. `temperature` 0 gives
-        the middle of what was trained on. `program` is a ShapeAssembly program whose cuboids all shapes get. Shapes
+        `latent` "by_part", the default where parts have codes of their own, takes codes of shapes that have parts like
+        the new ones; "dependent" makes codes of shapes with similar cuboids likelier. `temperature` 0 gives the middle
+        of what was trained on. `program` is a ShapeAssembly program whose cuboids all shapes get. Shapes
         with a cuboid too thin to edit are left out.
         """
         self.session.check_editable()
@@ -93,7 +105,7 @@ class TrainedRun:
         count: int,
         seed: int = 0,
         *,
-        latent: Literal["independent", "dependent"] | None = None,
+        latent: CodeMethod | None = None,
         temperature: float = 1.0,
         program: Path | str | None = None,
     ) -> NewShapes:
@@ -112,12 +124,15 @@ class TrainedRun:
             if latent or program or self._programs:
                 given = "latent, program and programs say nothing to it"
                 raise InputError(f"{self.folder}: was trained without cuboids, so {given}")
-            method, cages = "isotropic", ((number, None) for number in range(count))
+            cages = ((number, None) for number in range(count))
         elif program is not None:
-            method, cages = latent or "dependent", repeat((0, of_program(read_program(Path(program)), run)), count)
+            cages = repeat((0, of_program(read_program(Path(program)), run)), count)
         else:
             draws = CageDraws(self._generator, item_rng(seed, "cages"), count, temperature)
-            method, cages = latent or "dependent", _valid(draws)
+            cages = _valid(draws)
+        method = latent or usual_method(run)
+        if method not in methods_of(run):
+            raise InputError(f"latent {method!r}: {self.folder} has {', '.join(methods_of(run))}")
         source = code_source(run, method, None)
         return NewShapes(
             method, source, orders(cages, method, source, seed, partial(item_rng, seed, "code"), temperature)
@@ -165,7 +180,8 @@ class TrainedRun:
         document = self.known_parts.document(order.generated.structure, order.generated.cage)
         shape = self.open(self.shapes[0])
         try:
-            return shape.build(document).style(order.code.latent.tolist())
+            code = order.code
+            return shape.build(document).style(code.latent.tolist(), parts=code.part_latents)
         except InputError:  # a cuboid that is too thin
             return None
 

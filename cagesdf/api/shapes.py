@@ -337,14 +337,22 @@ class EditableShape(ModelledShape):
         return self._do(Mix, part=part, **fields, mirror=mirror, repeat=repeat)
 
     def style(
-        self, code: Iterable[float], *, residuals: Mapping[str, Iterable[float]] | None = None
+        self,
+        code: Iterable[float],
+        *,
+        residuals: Mapping[str, Iterable[float]] | None = None,
+        parts: Mapping[str, Iterable[float]] | None = None,
     ) -> "EditableShape":
         """Take a style by the numbers of its latent code.
 
-        `residuals` gives, by part (id, name or label), numbers that are added to its own code.
+        `residuals` gives, by part (id, name or label), numbers that are added to its own code; `parts` gives other
+        latent codes that parts have the style of, and takes what was mixed into all others away.
         """
-        numbers = None if residuals is None else {part: _listed(values) for part, values in residuals.items()}
-        return self._do(Style, code=_listed(code), residuals=numbers)
+        added, others = (
+            None if given is None else {part: _listed(values) for part, values in given.items()}
+            for given in (residuals, parts)
+        )
+        return self._do(Style, code=_listed(code), residuals=added, parts=others)
 
     def build(self, structure: str, *, frame: Iterable[float] | None = None) -> "EditableShape":
         """Go on with another structure around cuboids of its own, as JSON; the style stays.

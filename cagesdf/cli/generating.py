@@ -33,7 +33,7 @@ def generate(
     *,
     out: Path,
     count: int = 16,
-    latent: Literal["independent", "dependent"] | None = None,
+    latent: Literal["independent", "dependent", "by_part"] | None = None,
     seed: int = 0,
     temperature: float = 1.0,
     program: Path | None = None,
@@ -57,8 +57,9 @@ def generate(
     count
         How many shapes.
     latent
-        How codes are drawn: independent of the cuboids, or dependent (the default), so that codes of shapes with
-        similar cuboids are likelier. An arm without cuboids has one way only.
+        How codes are drawn: independent of the cuboids; dependent, so that codes of shapes with similar cuboids are
+        likelier; or by_part (the default where parts have codes of their own), from shapes that have parts like the
+        new ones. An arm without cuboids has one way only.
     seed
         Of all that is drawn.
     temperature
@@ -191,6 +192,7 @@ def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending
     kept = ("method", "seed", "draw", "effective", "vertices", "faces", "closed", "components", "clipped", "rooted",
             "stable", "floating", "part_ids")  # fmt: skip
     numbers = {"cuboids": shape.cage.vectors().tolist(), "latent": shape.latent.tolist()}
+    numbers["part_latents"] = {part: latent.tolist() for part, latent in shape.part_latents.items()}
     names = [] if shape.structure is None else [*part_names(shape.structure).values()]
     return entry | {name: row[name] for name in kept} | {"part_names": names} | numbers
 

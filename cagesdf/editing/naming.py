@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
+from cagesdf.deformation.matching import relative_boxes
 from cagesdf.editing.links import linked, mirrors, repeats
 from cagesdf.editing.state import State
 from cagesdf.frames import Similarity
@@ -28,7 +29,7 @@ WITHIN = " / "  # between a group and a part of it
 class KnownParts:
     """The training parts that have labels."""
 
-    boxes: Float[ndarray, "n 6"]  # see `relative_boxes`
+    boxes: Float[ndarray, "n 6"]  # see `matching.relative_boxes`
     labels: tuple[str, ...]
     owners: Int[ndarray, " n"]  # number of the shape that each is of, from 0 on
 
@@ -103,14 +104,6 @@ def group_names(structure: Structure) -> dict[str, str]:
         seen[text] += 1
         names[node] = f"{text} ({seen[text]})" if shared[text] > 1 else text
     return names
-
-
-def relative_boxes(cage: Cage) -> Float[ndarray, "k 6"]:
-    """Centre and lengths of the box along the axes around each cuboid, the box around all being [-½, ½]³."""
-    corners = cage.corners()
-    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    first, last = corners.min(axis=1), corners.max(axis=1)
-    return np.concatenate([(first + last) / 2 - (low + high) / 2, last - first], axis=1) / np.tile(high - low, 2)
 
 
 def _by_group(parts: tuple[str, ...]) -> dict[str, tuple[float, str]]:

@@ -1,5 +1,6 @@
 """The operations of a script: functions from state to state."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -126,7 +127,21 @@ def styled(state: State, operation: Style, styles: Styles) -> State:
             raise InputError(f"residuals: {pattern}: {len(numbers)} numbers; wanted {wanted}, as its parts' codes have")
         for part in select(state.structure, pattern):
             residuals[state.seen_as(part)] = np.array(numbers, np.float32)
-    return replace(state, latent=np.array(operation.code, np.float32), residuals=residuals)
+    restyled = replace(state, latent=np.array(operation.code, np.float32), residuals=residuals)
+    return restyled if operation.parts is None else _styled_parts(restyled, operation.parts, styles)
+
+
+def _styled_parts(state: State, codes: Mapping[str, Sequence[float]], styles: Styles) -> State:
+    """Parts with the style of other latents, all others with the state's own."""
+    if codes and not styles.by_part:
+        raise InputError("parts: this arm has one style for the whole shape")
+    part_styles = dict[str, tuple[PartStyle, ...]]()
+    for pattern, numbers in codes.items():
+        if len(numbers) != len(state.latent):
+            raise InputError(f"parts: {pattern}: {len(numbers)} numbers; this run's codes have {len(state.latent)}")
+        latent = np.array(numbers, np.float32)
+        part_styles |= {part: (PartStyle(latent, None, part, 1.0),) for part in select(state.structure, pattern)}
+    return replace(state, part_styles=part_styles)
 
 
 def blended(state: State, latent: Float32[ndarray, " d"], weight: np.float32) -> State:

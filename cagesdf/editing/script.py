@@ -68,6 +68,10 @@ Residuals = Annotated[
     dict[str, Annotated[tuple[_Number, ...], Field(max_length=4096)]] | None,
     Field(description="by part, as many numbers as a part's code has; or null"),
 ]
+PartCodes = Annotated[
+    dict[str, Annotated[tuple[_Number, ...], Field(max_length=4096)]] | None,
+    Field(description="by part, the numbers of a latent code; or null"),
+]
 Placement = Annotated[
     Annotated[tuple[_Finite, ...], Field(min_length=13, max_length=13)] | None,
     Field(description="13 finite numbers: scale, rotation by rows, translation; or null"),
@@ -217,6 +221,8 @@ class Style(_Operation):
     residuals: Residuals = (
         None  # by part (id, name or label, with *, ? and |): what is added to its code; None: nothing
     )
+    # By part: another latent code whose style it has; all others have this one. None: mixed parts stay as they are.
+    parts: PartCodes = None
 
 
 class Build(_Operation):

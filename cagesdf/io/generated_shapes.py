@@ -27,12 +27,12 @@ from cagesdf.structure.stored import read_structure
 KIND = "generated"
 OK, EMPTY, BROKEN = "ok", "empty", "broken"
 KEYS = (
-    Column("method", pa.string(), "how its code was drawn: independent, dependent or isotropic"),
+    Column("method", pa.string(), "how its code was drawn: independent, dependent, by_part or isotropic"),
     Column("shape_id", pa.string(), "unique in its method; methods of an arm share the cages of equal ids"),
 )
 INDEX = Layout(
     "generated",
-    2,
+    3,
     (
         *KEYS,
         Column("seed", pa.int64(), "that it was drawn with"),
@@ -42,6 +42,8 @@ INDEX = Layout(
         Column("cuboids", pa.list_(pa.float64()), "of each part in turn: centre (3), axes by rows (9), lengths (3)"),
         Column("floating", pa.int32(), "cuboids that were drawn attached to nothing, and left out"),
         Column("latent", pa.list_(pa.float32()), "the code"),
+        Column("other_parts", pa.list_(pa.string()), "ids of parts that have other codes"),
+        Column("other_latents", pa.list_(pa.float32()), "those, one after the other"),
         Column("effective", pa.float64(), "1 / sum of the squared weights that its code's kernel was drawn by"),
         Column("status", pa.string(), f"{OK}; {EMPTY}: the network says outside everywhere; {BROKEN}: and why"),
         Column("vertices", pa.int32(), "number of vertices"),
@@ -85,6 +87,7 @@ class GeneratedShape:
     cage: Cage  # canonical; no cuboids where the arm knows none
     floating: int  # cuboids that were drawn attached to nothing, and left out
     latent: Float32[ndarray, " d"]
+    part_latents: Mapping[str, Float32[ndarray, " d"]]  # by id, of the parts that have another one
     effective: float  # number of kernels that its code could be from
     status: str  # OK, EMPTY, or BROKEN and why
     mesh: Mesh  # canonical; closed, or without faces
@@ -108,6 +111,8 @@ class GeneratedShape:
             "cuboids": self.cage.vectors().ravel(),
             "floating": self.floating,
             "latent": self.latent,
+            "other_parts": [*self.part_latents],
+            "other_latents": [number for latent in self.part_latents.values() for number in latent.tolist()],
             "effective": self.effective,
             "status": self.status,
             "vertices": len(self.mesh.vertices),

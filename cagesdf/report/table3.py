@@ -68,6 +68,7 @@ METHODS = {
     "isotropic": "codes from an isotropic Gaussian",
     "independent": "new cuboids, codes drawn independently of them (⊥)",
     "dependent": "new cuboids, codes drawn by the likeness of theirs",
+    "by_part": "the same, from shapes that have parts like theirs",
 }
 
 

@@ -4,25 +4,30 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from numpy import ndarray
+from scipy.spatial.distance import cdist
 
 from cagesdf.cage_generation.cage_distance import cage_distances
 from cagesdf.cage_generation.generator import Generated, Generator, Samples
 from cagesdf.cage_generation.latent_kde import IsotropicGaussian, LatentKde, effective_number, similarity_weights
 from cagesdf.cage_generation.novelty import reach_of, standing
 from cagesdf.cuboid import Cage
+from cagesdf.deformation.matching import relative_boxes
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction, extract, field_of
+from cagesdf.extraction.field import CageField
 from cagesdf.extraction.surface import Loose
 from cagesdf.geometry.meshes import sample_surface
 from cagesdf.io.generated_shapes import BROKEN, EMPTY, OK, GeneratedShape
 from cagesdf.io.runs import Run
+from cagesdf.models.codes import part_codes
 from cagesdf.shape_generation.simulated_stability import stays_standing
 from cagesdf.shape_generation.static_stability import rooted, stable
 from cagesdf.structure.assembly import Assembly
@@ -31,6 +36,8 @@ from cagesdf.structure.program import AssemblyProgram
 
 ROUNDS = 8  # draws for each cage that is wanted, at most
 BATCH = 256  # draws that are made at once, at most
+LIKE = 0.3  # two parts are alike whose boxes relative to their shapes' are at most this far apart (`relative_boxes`)
+FALLS = "falls over or apart"  # why a cage is discarded
 NO_CAGE = Cage.of({})
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -43,6 +50,7 @@ class Code:
 
     latent: Float32[ndarray, " d"]
     effective: float  # number of kernels that it may come from
+    part_latents: Mapping[str, Float32[ndarray, " d"]] = field(default_factory=dict)  # of the parts with another one
 
 
 class CodeSource(ABC):
@@ -98,6 +106,47 @@ class Dependent(CodeSource):
 
 
 @dataclass(frozen=True, eq=False)
+class ByPart(CodeSource):
+    """As `Dependent`, but parts get codes from training shapes that have a part like them (ours; not in the paper).
+
+    A code says nothing of parts that its shape doesn't have: of a vase without a handle it makes a board for one. So
+    those training shapes are candidates that have parts like the most of the new ones. Parts that are unlike all of the
+    chosen shape's get another code in the same way, which the network reads in the same cage.
+    """
+
+    dependent: Dependent
+
+    @cached_property
+    def _boxes(self) -> list[Float[ndarray, "p 6"]]:
+        return [relative_boxes(cage) for cage in self.dependent.cages]
+
+    def draw(self, rng: np.random.Generator, cage: Cage, temperature: float) -> Code:
+        """See `CodeSource.draw`."""
+        boxes = relative_boxes(cage)
+        apart = np.array([cdist(known, boxes).min(axis=0) for known in self._boxes])
+        distances = cage_distances([cage], self.dependent.cages)[0]
+        left, codes = np.ones(len(boxes), bool), list[tuple[Code, ndarray]]()
+        while left.any():
+            alike = (apart <= LIKE) & left
+            fit = alike.sum(axis=1)
+            if not fit.any():  # the shape whose parts are nearest has the rest
+                fit, alike = -apart[:, left].sum(axis=1), np.broadcast_to(left, apart.shape)
+            [candidates] = np.nonzero(fit == fit.max())
+            weights = similarity_weights(distances[None, candidates], self.dependent.tau)
+            chosen = candidates[rng.choice(len(candidates), p=weights[0])]
+            [latent] = self.dependent.kde.sample(rng, np.eye(len(distances))[[chosen]], temperature)
+            codes.append((Code(latent.astype(np.float32), float(effective_number(weights)[0])), alike[chosen]))
+            left = left & ~alike[chosen]
+        (first, _), *others = codes
+        by_part = {cage.part_ids[part]: code.latent for code, parts in others for part in np.flatnonzero(parts)}
+        return replace(first, part_latents=by_part)
+
+    def about(self) -> dict[str, Any]:
+        """As of `Dependent`."""
+        return self.dependent.about()
+
+
+@dataclass(frozen=True, eq=False)
 class Isotropic(CodeSource):
     """DeepSDF's density: one Gaussian fitted to all codes."""
 
@@ -120,7 +169,14 @@ def has_cuboids(run: Run) -> bool:
 
 def methods_of(run: Run) -> tuple[str, ...]:
     """The methods of drawing codes for an arm, as in Table 3."""
-    return ("independent", "dependent") if has_cuboids(run) else ("isotropic",)
+    if not has_cuboids(run):
+        return ("isotropic",)
+    return ("independent", "dependent") if run.decoder.code_dim is None else ("independent", "dependent", "by_part")
+
+
+def usual_method(run: Run) -> str:
+    """The method by which users' new shapes get their codes: the last of `methods_of` the arm."""
+    return methods_of(run)[-1]
 
 
 def code_source(run: Run, method: str, tau: float | None) -> CodeSource:
@@ -128,7 +184,10 @@ def code_source(run: Run, method: str, tau: float | None) -> CodeSource:
     if method == "isotropic":
         return Isotropic(IsotropicGaussian.fit(run.latents.values.double().cpu().numpy()))
     kde = LatentKde.fit(np.stack([run.latent(name, 0).double().cpu().numpy() for name in sorted(run.sequences)]))
-    return Independent(kde) if method == "independent" else Dependent.fit(kde, rest_cages(run), tau)
+    if method == "independent":
+        return Independent(kde)
+    dependent = Dependent.fit(kde, rest_cages(run), tau)
+    return ByPart(dependent) if method == "by_part" else dependent
 
 
 def rest_cages(run: Run) -> list[Cage]:
@@ -137,7 +196,7 @@ def rest_cages(run: Run) -> list[Cage]:
 
 
 class CageDraws:
-    """Valid cages with the numbers of their draws, `count` of them; ROUNDS · `count` draws are made at most.
+    """Valid cages that stand, with the numbers of their draws, `count` of them; ROUNDS · `count` draws at most.
 
     Iterated once: cages are drawn in batches as they are taken, so that none is held. Every draw is numbered and
     counted, in `drawn` and by the reason of its failure in `failures`.
@@ -155,8 +214,12 @@ class CageDraws:
             samples = self.generator.sample(self.rng, batch, self.temperature)
             first, self.drawn = self.drawn, self.drawn + batch
             self.failures.update(samples.failures)
-            kept += len(samples.kept)
-            yield from ((first + number, item) for number, item in zip(samples.numbers, samples.kept))
+            for number, item in zip(samples.numbers, samples.kept):
+                if stable(item.cage):
+                    kept += 1
+                    yield first + number, item
+                else:
+                    self.failures[FALLS] += 1
 
 
 def draw_cages(generator: Generator, rng: np.random.Generator, count: int, temperature: float) -> Samples:
@@ -242,6 +305,7 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
         cage,
         order.generated.floating if order.generated is not None else 0,
         order.code.latent,
+        order.code.part_latents,
         order.code.effective,
         status,
         mesh,
@@ -256,15 +320,25 @@ def make_shape(run: Run, how: Extracting, rng: np.random.Generator, order: Order
 
 
 def _surface(run: Run, how: Extracting, code: Code, cage: Cage) -> tuple[Extraction, str]:
-    latent = torch.from_numpy(code.latent).to(run.latents.values.device)
-    field = field_of(run.decoder, latent, cage)
     try:
-        surface = extract(field, how.resolution, loose=how.loose)
+        surface = extract(_field(run, code, cage), how.resolution, loose=how.loose)
     except InputError:  # the network's fault, not the shape's
         raise
     except ValueError as error:
         return Extraction.nothing(), f"{BROKEN}: {error}"
     return surface, OK if len(surface.mesh.faces) else EMPTY
+
+
+def _field(run: Run, code: Code, cage: Cage) -> CageField:
+    device = run.latents.values.device
+    field = field_of(run.decoder, torch.from_numpy(code.latent).to(device), cage)
+    if not code.part_latents:
+        return field
+    codes = field.codes.clone()
+    for part, latent in code.part_latents.items():
+        row = cage.part_ids.index(part)
+        codes[row] = part_codes(run.decoder, torch.from_numpy(latent).to(device), cage)[row]
+    return CageField(run.decoder, codes, cage)
 
 
 def counts(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:

@@ -50,4 +50,6 @@ def tears(state: State, live: Live, each: Each) -> int:
 
 def new_style(source: CodeSource, rng: np.random.Generator, state: State, temperature: float) -> Style:
     """A style that was drawn for a state's cuboids."""
-    return Style(code=tuple(source.draw(rng, state.cage, temperature).latent.tolist()))
+    drawn = source.draw(rng, state.cage, temperature)
+    parts = {part: tuple(latent.tolist()) for part, latent in drawn.part_latents.items()}
+    return Style(code=tuple(drawn.latent.tolist()), parts=parts)

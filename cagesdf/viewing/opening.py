@@ -24,7 +24,7 @@ from cagesdf.io.runs import Run, beside, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.parts.changing import Dissection
 from cagesdf.shape import RawShape
-from cagesdf.shape_generation.surfaces import CodeSource, code_source, has_cuboids
+from cagesdf.shape_generation.surfaces import CodeSource, code_source, has_cuboids, usual_method
 from cagesdf.viewing import files
 from cagesdf.viewing.jobs import Progress
 from cagesdf.viewing.styles import StyleSpace
@@ -153,7 +153,7 @@ def _codes(run: Run) -> Callable[[], CodeSource]:
     def codes() -> CodeSource:
         with lock:
             if not source:
-                source.append(code_source(run, "dependent", None))
+                source.append(code_source(run, usual_method(run), None))
             return source[0]
 
     return codes

@@ -45,7 +45,7 @@ def read_shape(run: Path) -> GeneratedShape:
     cage = trained.sequences["stool_0"].cages[0]
     mesh = cage_surface(cage)
     return GeneratedShape(
-        "", "", 0, 0, trained.structures["stool_0"], cage, 0, np.zeros(2, np.float32), 1.0, "ok", mesh, 1, 0.0, 1,
+        "", "", 0, 0, trained.structures["stool_0"], cage, 0, np.zeros(2, np.float32), {}, 1.0, "ok", mesh, 1, 0.0, 1,
         rooted=True, stable=True, points=mesh.vertices.astype(np.float32),
         parts=dict(zip(cage.part_ids, (Mesh(corners, CUBE_FACES) for corners in cage.corners()))),
     )  # fmt: skip

@@ -328,6 +328,25 @@ def test_residuals_fade_on_the_way_to_another_style(session: Session) -> None:
     )
 
 
+def test_parts_take_the_style_of_a_code_of_their_own_and_all_others_have_the_shape_s(session: Session) -> None:
+    one, two = (tuple(session.opened(name).latent.tolist()) for name in ("a", "b"))
+    mixed = Mix(part="back", style_of="b")
+    given = codes_after(session, mixed, *parse(dump([Style(code=one, parts={"seat": two})])))
+    plain, other = codes_after(session), codes_after(session, Swap(style_of="b"))
+    for part in plain:
+        np.testing.assert_array_equal(given[part], (other if part == "seat" else plain)[part])
+    kept = codes_after(session, mixed, Style(code=one))
+    assert (kept["back"] != plain["back"]).any(), "what was mixed stays where nothing is said of parts"
+    for part in plain:
+        np.testing.assert_array_equal(codes_after(session, mixed, Style(code=one, parts={}))[part], plain[part])
+
+
+def test_codes_of_parts_of_another_length_are_refused(session: Session) -> None:
+    code = tuple(session.opened("a").latent.tolist())
+    with pytest.raises(InputError, match="parts: seat: 2 numbers; this run's codes have 4"):
+        codes_after(session, Style(code=code, parts={"seat": (1.0, 2.0)}))
+
+
 def test_residuals_of_another_length_are_refused(session: Session) -> None:
     with pytest.raises(InputError, match="residuals: seat: 2 numbers; wanted 6"):
         codes_after(session, style(session, seat=(1.0, 2.0)))

@@ -1,4 +1,4 @@
-"""Where codes of new shapes come from: each way draws what it says."""
+"""Where codes of new shapes come from: each way draws what it says; and where their cages come from."""
 
 from dataclasses import replace
 
@@ -8,10 +8,31 @@ from scipy.special import softmax
 
 from cagesdf.cage_generation.cage_distance import cage_distances
 from cagesdf.cage_generation.generator import Generated, Generator, Samples, samples_of
-from cagesdf.cuboid import Cage, Sequence
+from cagesdf.cuboid import Cage, Cuboid, Sequence
+from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.runs import Run
+from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
-from cagesdf.shape_generation.surfaces import BATCH, CageDraws, Dependent, code_source, draw_cages, in_order, rest_cages
+from cagesdf.shape_generation.static_stability import stable
+from cagesdf.shape_generation.surfaces import (
+    BATCH,
+    FALLS,
+    ROUNDS,
+    ByPart,
+    CageDraws,
+    Code,
+    CodeSource,
+    Dependent,
+    Extracting,
+    Order,
+    code_source,
+    draw_cages,
+    in_order,
+    make_shape,
+    methods_of,
+    rest_cages,
+    usual_method,
+)
 from tests.support.instant import Instant
 from tests.support.untrained import FIGURES, untrained
 
@@ -65,7 +86,7 @@ def test_independent_codes_are_those_of_any_shape_whatever_the_cage(run: Run) ->
     assert codes[0].effective == pytest.approx(len(NAMES))
 
 
-@pytest.mark.parametrize("method", ["independent", "dependent", "isotropic"])
+@pytest.mark.parametrize("method", ["independent", "dependent", "by_part", "isotropic"])
 def test_codes_are_the_farther_from_their_middle_the_higher_the_temperature(run: Run, method: str) -> None:
     source = code_source(run, method, 1e-4)  # a dependent code is near that of its cage
 
@@ -111,6 +132,120 @@ def test_tau_is_that_of_the_likeliest_codes_unless_it_is_given(run: Run) -> None
         "kernels": len(NAMES),
         "effective_at_1": pytest.approx(float(np.median(1 / np.square(softmax(-apart, axis=1)).sum(axis=1)))),
     }
+
+
+def box(x: float, y: float, width: float, height: float) -> Cuboid:
+    return Cuboid(np.array([x, y, 0.0]), np.eye(3), np.array([width, height, 0.5]))
+
+
+BODY, LID = box(0, -0.25, 0.6, 1.0), box(0, 0.4, 0.4, 0.3)
+LEFT, RIGHT = box(-0.5, 0, 0.1, 0.4), box(0.5, 0, 0.1, 0.4)
+POTS = {
+    "a": {"body": BODY},
+    "b": {"body": BODY, "left": LEFT, "right": RIGHT},
+    "c": {"body": BODY, "left": LEFT, "right": RIGHT},
+    "d": {"body": BODY, "lid": LID},
+}
+
+
+@pytest.fixture
+def pots(run: Run) -> Run:
+    """Four pots, two with handles, one with a lid."""
+    sequences = {name: Sequence(name, None, np.zeros(1), (False,), (Cage.of(parts),)) for name, parts in POTS.items()}
+    return replace(run, sequences=sequences)
+
+
+def names_of(run: Run, code: Code, part: str) -> str:
+    """The training shape whose code a part has."""
+    latent = code.part_latents.get(part, code.latent)
+    [name] = [name for name in run.sequences if np.allclose(run.latent(name, 0).numpy(), latent, rtol=1e-6)]
+    return name
+
+
+def drawn_often(source: CodeSource, cage: Cage) -> list[Code]:
+    return [source.draw(np.random.default_rng(seed), cage, temperature=0.0) for seed in range(60)]
+
+
+def test_by_part_codes_are_of_shapes_that_have_parts_like_the_new_ones(pots: Run) -> None:
+    source = code_source(pots, "by_part", 10.0)  # the likeness of cages says nothing
+    assert isinstance(source, ByPart)
+    codes = drawn_often(source, Cage.of({"x": LEFT, "y": BODY, "z": RIGHT}))
+    assert {names_of(pots, code, part) for code in codes for part in "xyz"} == {"b", "c"}
+    assert not any(code.part_latents for code in codes), "one shape has them all"
+    assert codes[0].effective == pytest.approx(2, rel=0.01)
+    # Beside handles a body is narrower than the whole.
+    assert {names_of(pots, code, "x") for code in drawn_often(source, Cage.of({"x": BODY}))} == {"a", "d"}
+
+
+def test_parts_that_no_shape_has_together_have_codes_of_several(pots: Run) -> None:
+    source, cage = code_source(pots, "by_part", 10.0), Cage.of({"lid": LID, "x": LEFT, "y": BODY, "z": RIGHT})
+    codes = drawn_often(source, cage)
+    assert {names_of(pots, code, part) for code in codes for part in "xyz"} == {"b", "c"}
+    assert {names_of(pots, code, "lid") for code in codes} == {"d"}
+    assert all(code.part_latents.keys() == {"lid"} for code in codes)
+
+
+def test_a_part_that_no_shape_has_gets_the_code_of_the_shape_with_the_nearest(pots: Run) -> None:
+    handle = box(0.2, -0.2, 0.05, 1.5)  # through the body, twice as high as a handle
+    source = code_source(pots, "by_part", 10.0)
+    codes = drawn_often(source, Cage.of({"body": BODY, "left": LEFT, "right": RIGHT, "odd": handle}))
+    assert {names_of(pots, code, "left") for code in codes} == {"b", "c"}
+    assert {names_of(pots, code, "odd") for code in codes} <= {*POTS}
+
+
+def test_by_part_codes_of_a_training_cage_are_those_of_its_own_shape(run: Run) -> None:
+    source = code_source(run, "by_part", 1e-4)
+    for name in NAMES:
+        code = source.draw(np.random.default_rng(0), run.sequences[name].cages[0], temperature=0.0)
+        np.testing.assert_allclose(code.latent, run.latent(name, 0).numpy(), rtol=1e-6)
+        assert not code.part_latents
+
+
+def test_only_parts_with_codes_of_their_own_are_drawn_by_part(run: Run) -> None:
+    assert methods_of(run) == ("independent", "dependent", "by_part")
+    whole = replace(run, decoder=make_decoder("CageDecoder", **FIGURES, seed=1).eval())
+    assert methods_of(whole) == ("independent", "dependent")
+    assert (usual_method(run), usual_method(whole)) == ("by_part", "dependent")
+
+
+def test_each_part_s_surface_is_that_of_its_own_code_in_the_whole_cage(run: Run) -> None:
+    known = untrained().run
+    cage = known.sequences["a"].cages[0]
+    one, two = (known.latent(name, 0) for name in ("a", "b"))
+    code = Code(one.numpy(), 1.0, {cage.part_ids[0]: two.numpy()})
+    how = Extracting(24, LOOSE["keep"], 10, stable)
+    order = Order("by_part", "0", 0, 0, Generated(known.structures["a"], cage), code)
+    shape = make_shape(known, how, np.random.default_rng(0), order)
+    wholes = [extract(field_of(known.decoder, latent, cage), 24).parts for latent in (one, two)]
+    for number, part in enumerate(cage.part_ids):
+        np.testing.assert_array_equal(shape.parts[part].vertices, wholes[number == 0][part].vertices)
+    assert len(shape.parts[cage.part_ids[0]].vertices) != len(wholes[0][cage.part_ids[0]].vertices)
+
+
+class Leaning(Generator):
+    """Every second cage has its one leg beside its top's middle."""
+
+    def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
+        cages = [Cage.of({"top": box(0, 0.5, 2, 0.1), "leg": box(x, 0, 0.2, 0.9)}) for x in (0.0, 0.9)]
+        structure = untrained().run.structures["a"]
+        return samples_of([Generated(structure, cages[i % 2]) for i in range(count)])
+
+
+def test_cages_that_would_fall_over_are_discarded_and_counted() -> None:
+    draws = CageDraws(Leaning(), np.random.default_rng(0), 5, 1.0)
+    kept = [*draws]
+    assert len(kept) == 5
+    assert all(stable(item.cage) for _, item in kept)
+    assert draws.failures == {FALLS: draws.drawn - 5}
+    assert [number for number, _ in kept] == sorted({number for number, _ in kept})
+
+    class Fallen(Leaning):
+        def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
+            return samples_of([item for item in super().sample(rng, 2, temperature).kept[1:] for _ in range(count)])
+
+    nothing = CageDraws(Fallen(), np.random.default_rng(0), 5, 1.0)
+    assert [*nothing] == []
+    assert nothing.failures == {FALLS: 5 * ROUNDS}
 
 
 class Third(Generator):

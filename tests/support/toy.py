@@ -70,7 +70,7 @@ def stool(
 def generated(method: str, shape_id: str, mesh: Mesh, points: np.ndarray, components: int = 1) -> GeneratedShape:
     """A generated shape of an arm without cuboids."""
     return GeneratedShape(
-        method, shape_id, 0, 0, None, Cage.from_vectors((), np.zeros((0, 15))), 0, np.zeros(2, np.float32), 1.0,
+        method, shape_id, 0, 0, None, Cage.from_vectors((), np.zeros((0, 15))), 0, np.zeros(2, np.float32), {}, 1.0,
         "ok" if len(mesh.faces) else "empty", mesh, components, 0.0, 1, rooted=False, stable=False, points=points,
         parts={"shape": mesh},
     )  # fmt: skip
