@@ -121,14 +121,6 @@ def relative_centres(cage: Cage) -> Float[ndarray, "p 3"]:
     return (cage.centre - low) / (high - low)
 
 
-def relative_boxes(cage: Cage) -> Float[ndarray, "p 6"]:
-    """Centre and lengths of the box along the axes around each cuboid, the box around all being [-½, ½]³."""
-    corners = cage.corners()
-    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    first, last = corners.min(axis=1), corners.max(axis=1)
-    return np.concatenate([(first + last) / 2 - (low + high) / 2, last - first], axis=1) / np.tile(high - low, 2)
-
-
 def _node_centres(structure: Structure, cage: Cage) -> dict[str, Float[ndarray, " 3"]]:
     """Mean part centre below each node, relative to the cage's bounding box."""
     relative = relative_centres(cage)

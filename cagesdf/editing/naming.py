@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
+from cagesdf.cage_generation.cage_distance import relative_boxes
 from cagesdf.cuboid import Cage
-from cagesdf.deformation.matching import relative_boxes
 from cagesdf.editing.links import linked, mirrors, repeats
 from cagesdf.editing.state import State
 from cagesdf.frames import Similarity
@@ -29,7 +29,7 @@ WITHIN = " / "  # between a group and a part of it
 class KnownParts:
     """The training parts that have labels."""
 
-    boxes: Float[ndarray, "n 6"]  # see `matching.relative_boxes`
+    boxes: Float[ndarray, "n 6"]  # see `relative_boxes`
     labels: tuple[str, ...]
     owners: Int[ndarray, " n"]  # number of the shape that each is of, from 0 on
 
