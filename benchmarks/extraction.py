@@ -97,11 +97,13 @@ def fineness(runs: list[Path], shapes: int) -> None:
         run = read_run(path)
         fields = [rest_field(run, shape_id) for shape_id in drawn(run, shapes)]
         items = [(field, k) for field in fields for k in range(0, len(field.cage), 3)]
-        finest = [part_of(field, k, cell_of(512), Fineness(48, 0.0, 0.0), METHODS["sparse"]).mesh for field, k in items]
+        finest = [
+            part_of(field, k, cell_of(512), Fineness(48, 0.0, 0.0, 0.0), METHODS["sparse"]).mesh for field, k in items
+        ]
         for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
             none, fine, coarse = (0.0, 0.0), (USUAL.sag, USUAL.even), (PREVIEW.sag, PREVIEW.even)
             for farthest, reduced in ((0.0, none), (usual, none), (usual, fine), (usual, coarse)):
-                marching.FARTHEST, each = farthest, Fineness(fineness.least, *reduced)
+                marching.FARTHEST, each = farthest, Fineness(fineness.least, fineness.through, *reduced)
                 start = time.process_time()
                 parts = [part_of(*item, cell_of(resolution), each, METHODS["sparse"]) for item in items]
                 seconds = time.process_time() - start

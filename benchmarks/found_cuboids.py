@@ -7,9 +7,9 @@ Shapes: training shapes of `make repro` (`data/shapes`, `data/trials`), and mesh
 FOLDERs whose groups, nodes and files are the parts. Each is taken with its parts as given, and once more with them
 joined into one mesh, whose parts are found. Both go the way of the stages with the default parameters (targets: scaled
 copies where a shape has no partner), for as many steps, and are measured at 128 cells: source shapes beside their given
-parts, and beside the parts that they were trained on, which may have been repaired in another way; swaps (cuboids of
-one shape, style of another) beside the parts warped from the given cuboids, as a gain; edits of single cuboids beside
-the deformed parts.
+parts, and beside the parts that they were trained on, which may have been repaired in another way; cuboids of one shape
+with the style of another, by its latent (`swap`) and by its corresponding parts (`mix` of all parts), beside the parts
+warped from the given cuboids, as gains; edits of single cuboids beside the deformed parts.
 Artefacts are left in WORK, where those that are there are used. Prints a Markdown table.
 """
 
@@ -23,12 +23,15 @@ from typing import Any
 import numpy as np
 import torch
 
+from cagesdf.editing.script import Mix
+from cagesdf.editing.session import Session, state_field
 from cagesdf.errors import ShapeRejected
 from cagesdf.evaluation.edits import Row, measure, with_gains
 from cagesdf.evaluation.reconstruction import score
 from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.evaluation.trials import Trial, local_trials
 from cagesdf.extraction import extract_surface, field_of
+from cagesdf.extraction.field import CageField
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.geometry.solid import union
@@ -53,7 +56,7 @@ EDITED = 8
 SWAPPED = "warp"  # swaps beside what deformation sequences teach
 COLUMNS = (
     "shapes", "parts", "a shape", "distance, %", "median", "worst", "signed normals", "beside own parts",
-    "local edits, %", "swap gain: median, mean",
+    "local edits, %", "swap gain: median, mean", "mix gain",
 )  # fmt: skip
 
 
@@ -146,24 +149,37 @@ def reconstruction(run: Run, given: Shape, own: Shape) -> tuple[float, float, fl
     return figures[0]["surface_distance"], figures[0]["nc_signed"], figures[1]["surface_distance"]
 
 
-def edited(run: Run, trial: Trial, seed: int) -> Row:
-    """Figures of a trial, whose cuboids are the run's own."""
+def swapped(run: Run, trial: Trial) -> CageField:
+    """The field of a trial's cuboids with the latent of its style."""
     rest = run.sequences[trial.shape_id].cages[0]
-    surface = extract_surface(field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest), CELLS // 2)
+    return field_of(run.decoder, run.latent(trial.style_of, 0), trial.cage, rest)
+
+
+def mixed(run: Run, trial: Trial) -> CageField:
+    """The field of a trial's shape with the codes of the other shape's corresponding parts."""
+    session = Session(run)
+    mix = Mix(part="*", style_of=trial.style_of)
+    return state_field(run, session.edited(session.opened(trial.shape_id), (mix,)).present)
+
+
+def edited(field: CageField, trial: Trial, seed: int) -> Row:
+    """Figures of a trial, whose cuboids are the run's own."""
+    surface = extract_surface(field, CELLS // 2)
     truth = Truth(trial.truth, trial.cage, DETAIL)
     figures = measure(surface, trial, truth, POINTS // 4, item_rng(seed, "found_parts", trial.trial_id))
     return {"kind": trial.kind, "trial_id": trial.trial_id, **figures}
 
 
-def swap_gains(run: Run, folder: Path, known: set[str]) -> list[float]:
-    """Gains of the swaps of `make_trials`, each in the run's own cuboids of its shape."""
+def swap_gains(run: Run, folder: Path, known: set[str], field: Callable[[Run, Trial], CageField]) -> list[float]:
+    """Gains of the swaps of `make_trials`, each in the run's own cuboids of its shape, by `swapped` or `mixed`."""
     if not folder.is_dir():
         return []
     source = read_trials(folder)
     references, _ = read_edits(folder / "references.parquet")
     trials = [source.read(name) for name, row in source.rows.items() if row["kind"] == SWAPPED]
     measurable = [trial for trial in trials if {trial.shape_id, trial.style_of} <= known]
-    rows = [edited(run, replace(trial, cage=run.sequences[trial.shape_id].cages[0]), 0) for trial in measurable]
+    own = [replace(trial, cage=run.sequences[trial.shape_id].cages[0]) for trial in measurable]
+    rows = [edited(field(run, trial), trial, 0) for trial in own]
     return [row["gain"] for row in with_gains(rows, references)]
 
 
@@ -175,7 +191,7 @@ def local_distances(run: Run, shapes: ShapeFolder, ids: list[str]) -> list[float
         shape, rest = shapes.read(shape_id), run.sequences[shape_id].cages[0]
         rng = item_rng(params.seed, "local", shape_id)
         trials = local_trials(shape, rest, LOCAL, params.resize, params.move, rng)
-        result += [edited(run, trial, params.seed)["distance"] for trial in trials]
+        result += [edited(swapped(run, trial), trial, params.seed)["distance"] for trial in trials]
     return result
 
 
@@ -190,13 +206,14 @@ def rows_of(title: str, given: Path, found: Path, trials: Path, steps: int, cell
         figures = [reconstruction(run, truths.read(shape_id), shapes.read(shape_id)) for shape_id in ids]
         distances, normals, own = np.array(figures).T
         local = local_distances(run, shapes, ids[:EDITED])
-        gains = swap_gains(run, trials, {*ids})
+        gains = [swap_gains(run, trials, {*ids}, field) for field in (swapped, mixed)]
         parts = np.mean([len(run.sequences[shape_id].cages[0]) for shape_id in ids])
         means[kind] = float(distances.mean())
-        swaps = f"{np.median(gains):.3f}, {np.mean(gains):.3f} ({len(gains)})" if gains else "–"
+        styles = [f"{np.median(row):.3f}, {np.mean(row):.3f} ({len(row)})" if row else "–" for row in gains]
         print(
             f"| {len(ids)} {title} | {kind} | {parts:.1f} | {distances.mean():.3f} | {np.median(distances):.3f} | "
-            f"{distances.max():.3f} | {normals.mean():.3f} | {own.mean():.3f} | {np.mean(local):.3f} | {swaps} |",
+            f"{distances.max():.3f} | {normals.mean():.3f} | {own.mean():.3f} | {np.mean(local):.3f} | "
+            f"{' | '.join(styles)} |",
             flush=True,
         )
         worst = sorted(zip(distances.tolist(), ids), reverse=True)[:4]

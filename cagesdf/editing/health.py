@@ -5,20 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 from scipy.sparse.csgraph import connected_components
 
-from cagesdf.cuboid import Cuboid
 from cagesdf.deformation.matching import touching
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.state import State
 from cagesdf.extraction import CUBE, USUAL, Fineness
-from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.promises import count_pieces
+from cagesdf.extraction.thinness import Profile, holding_lattice
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.geometry.meshes import Mesh, face_normals, is_closed, signed_volume
+from cagesdf.geometry.meshes import Mesh, is_closed
 from cagesdf.geometry.solid import thickness
 
 HELD = 2.0  # cells that a part must be thick
@@ -62,8 +58,13 @@ class Health:
         names = part_names(state.structure)
         cuboids = {**CUBE.cuboids(), **state.cage.cuboids()}  # a decoder that knows no cuboids has one part, the cube
         torn = [part for part, mesh in surface.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
-        profiles = {part: _Profile.of(mesh, cuboids[part]) for part, mesh in surface.parts.items() if len(mesh.faces)}
-        cells = {part: profile.cells(resolution, fineness) for part, profile in profiles.items()}
+        profiles = {part: Profile.of(mesh, cuboids[part]) for part, mesh in surface.parts.items() if len(mesh.faces)}
+
+        def through(part: str, count: int) -> float:
+            profile, cuboid = profiles[part], cuboids[part]
+            return profile.cells(holding_lattice(profile, cuboid, 2 * HALF_EXTENT / count, fineness))
+
+        cells = {part: through(part, resolution) for part in profiles}
         expected, _ = connected_components(touching(state.cage), directed=False)
         closed = bool(len(surface.mesh.faces)) and is_closed(surface.mesh)
         called = tuple(names.get(part, part) for part in torn)
@@ -71,7 +72,7 @@ class Health:
             return Health(closed, surface.components, int(expected), called, None, 0.0, 0.0, 0)
         part = min(cells, key=lambda part: cells[part])
         finer = range(STEP, FINEST + 1, STEP)
-        first = bisect_left(finer, HELD, key=lambda count: profiles[part].cells(count, fineness))
+        first = bisect_left(finer, HELD, key=lambda count: through(part, count))
         enough = finer[first] if first < len(finer) else 0
         thick = thickness(surface.parts[part]) / state.similarity.scale
         return Health(
@@ -105,26 +106,3 @@ class Health:
             )
             sentences.append(f"{self.thinnest} is {self._extent} thick; wanted {HELD:g} cells: {cure}")
         return tuple(sentences)
-
-
-@dataclass(frozen=True, eq=False)
-class _Profile:
-    """All that the thickness of a part follows from, in whichever cells it is made."""
-
-    cuboid: Cuboid
-    volume: float
-    areas: Float[ndarray, "f 3"]  # of its faces, across each of the cuboid's axes
-
-    @staticmethod
-    def of(mesh: Mesh, cuboid: Cuboid) -> "_Profile":
-        return _Profile(cuboid, abs(signed_volume(mesh)), np.abs(face_normals(mesh) @ cuboid.axes.T) / 2)
-
-    def cells(self, resolution: int, fineness: Fineness) -> float:
-        """The thickness in the part's own cells, which are as small as its cuboid needs along each axis.
-
-        It is `solid.thickness` of the mesh with these cells as units: a face's area across an axis is then smaller by
-        the other two axes' steps.
-        """
-        steps = Lattice.of(self.cuboid, 2 * HALF_EXTENT / resolution, fineness.least).steps
-        area = float(np.linalg.norm(self.areas * steps, axis=1).sum())
-        return 2 * self.volume / max(area, 1e-300)

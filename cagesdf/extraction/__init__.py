@@ -19,7 +19,7 @@ surface.py    `extract`, and `LiveSurface` for edits
 from cagesdf.extraction.field import CUBE, CageField, field_of
 from cagesdf.extraction.marching import NOTHING
 from cagesdf.extraction.owners import face_owners
-from cagesdf.extraction.part import PREVIEW, USUAL, Fineness, Part
+from cagesdf.extraction.part import Part
 from cagesdf.extraction.promises import LOOSE, SYMMETRIES
 from cagesdf.extraction.surface import (
     Each,
@@ -28,6 +28,7 @@ from cagesdf.extraction.surface import (
     extract,
     extract_surface,
 )
+from cagesdf.extraction.thinness import PREVIEW, USUAL, Fineness
 from cagesdf.extraction.values import METHODS, dense_values, sparse_values
 
 __all__ = [

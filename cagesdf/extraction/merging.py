@@ -84,18 +84,21 @@ def flat_discs(
 def _joined(marched: Marched, corners: Int[ndarray, "3 f"], owner: Int[ndarray, " v"]) -> Marched:
     """The surface of the vertices that stand for others, each at the mean of those."""
     count = len(owner)
-    faces = _between(corners, owner)
-    while len(twice := _edges_that_come_twice(faces, count)):  # discs that touch twice: they are taken apart
-        apart = np.flatnonzero(np.isin(owner, np.concatenate([twice // count, twice % count])))
-        owner[apart] = apart
+    while True:
         faces = _between(corners, owner)
+        used = np.zeros(count, bool)
+        used[faces] = True
+        twice = _edges_that_come_twice(faces, count)  # of discs that touch twice
+        gone = np.flatnonzero((owner == np.arange(count)) & ~used)  # discs of a piece that two or three of them make up
+        if len(twice) + len(gone) == 0:
+            break
+        apart = np.flatnonzero(np.isin(owner, np.concatenate([twice // count, twice % count, gone])))
+        owner[apart] = apart
     sizes = np.bincount(owner, minlength=count)
     several = np.flatnonzero(sizes > 1)
     places, slope = marched.places.copy(), marched.slope.copy()
     for column in (*places.T, slope):
         column[several] = np.bincount(owner, column, count)[several] / sizes[several]
-    used = np.zeros(count, bool)
-    used[faces] = True
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
     return Marched(places[used], number[faces.T], slope[used], marched.clipped)
 

@@ -11,9 +11,10 @@ from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import drawn, march
 from cagesdf.extraction.merging import merged
+from cagesdf.extraction.thinness import USUAL, Fineness, Profile, holding_lattice
 from cagesdf.extraction.values import Method
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.geometry.meshes import Mesh
+from cagesdf.geometry.meshes import Mesh, compact, face_components
 from cagesdf.geometry.resizing import keeping_warp, vulnerability
 from cagesdf.geometry.solid import as_manifold, from_manifold
 
@@ -23,19 +24,9 @@ CLIP_TOLERANCE = 0.25
 # Cells below COARSE don't make the network more exact: in smaller ones faces are reduced with the movements that COARSE
 # ones have, in canonical units, or at most EASE times the usual movements in steps.
 COARSE, EASE = 2 * HALF_EXTENT / 128, 2.0
-
-
-@dataclass(frozen=True)
-class Fineness:
-    """Least number of cells of a part, and how far its surface may move as its faces are reduced (see EASE)."""
-
-    least: int  # cells along each axis of its cuboid
-    sag: float  # of chords between the vertices that `merged` leaves, in steps
-    even: float  # largest movement as the closed part is simplified after that, in the shortest steps
-
-
-USUAL = Fineness(16, 0.028, 0.05)
-PREVIEW = Fineness(12, 0.06, 0.2)  # for surfaces that must appear at once
+# What is shorter along every axis, beside something longer, is the network's noise; in steps of a lattice of cells of
+# COARSE, or of those asked for if they are larger.
+CRUMB = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +53,26 @@ class Part:
 def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, method: Method) -> Part:
     """The solid of a field in one of its cuboids, in cells of at most `cell`, canonical units.
 
-    Cells are of the cuboid that the network is evaluated in.
+    Cells are of the cuboid that the network is evaluated in. A part that turns out to be too thin for them is made
+    again in cells that hold it (`holding_lattice`).
     """
-    lattice = Lattice.of(field.evaluated[field.cage.part_ids[cuboid]], cell, fineness.least)
+    evaluated = field.evaluated[field.cage.part_ids[cuboid]]
+    lattice = Lattice.of(evaluated, cell, fineness.least)
+    part = _on_lattice(field, cuboid, lattice, cell, fineness, method)
+    holding = holding_lattice(Profile.of(part.mesh, evaluated), evaluated, cell, fineness)
+    if (holding.cells > lattice.cells).any():
+        lattice, first = holding, part
+        part = _on_lattice(field, cuboid, lattice, cell, fineness, method)
+        part = replace(part, evaluations=first.evaluations + part.evaluations)
+    if len(part.mesh.faces) and (field.evaluated.size[cuboid] != field.cage.size[cuboid]).any():
+        mesh = with_details_kept(part.mesh, field.evaluated, field.cage, cuboid, lattice)
+        part = replace(part, mesh=mesh, solid=as_manifold(mesh))
+    return part
+
+
+def _on_lattice(
+    field: CageField, cuboid: int, lattice: Lattice, cell: float, fineness: Fineness, method: Method
+) -> Part:
     sampled = method(field.on_lattice(lattice, cuboid), field.reach(cuboid), lattice)
     evaluations = sampled.evaluations
     marched = march(sampled.values, lattice)
@@ -76,10 +84,28 @@ def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, meth
     del marched
     solid = as_manifold(mesh).simplify(ease * fineness.even * float(lattice.steps.min()))
     mesh = from_manifold(solid)
-    if len(mesh.faces) and (field.evaluated.size[cuboid] != field.cage.size[cuboid]).any():
-        mesh = with_details_kept(mesh, field.evaluated, field.cage, cuboid, lattice)
-        solid = as_manifold(mesh)
+    swept = without_crumbs(mesh, Lattice.of(lattice.cuboid, max(cell, COARSE), USUAL.least))
+    if swept is not mesh:
+        mesh, solid = swept, as_manifold(swept)
     return Part(mesh, solid, vertices, clipped, evaluations + further)
+
+
+def without_crumbs(mesh: Mesh, lattice: Lattice) -> Mesh:
+    """A closed part without its pieces and voids that are shorter than CRUMB steps along each axis of its lattice.
+
+    The mesh itself if there are none, or nothing else.
+    """
+    piece = face_components(mesh)
+    pieces = int(piece.max(initial=0)) + 1
+    if pieces < 2:
+        return mesh
+    places = (mesh.vertices - lattice.cuboid.centre) @ lattice.cuboid.axes.T / lattice.steps
+    low, high = np.full((pieces, 3), np.inf), np.full((pieces, 3), -np.inf)
+    for corner in mesh.faces.T:
+        np.minimum.at(low, piece, places[corner])
+        np.maximum.at(high, piece, places[corner])
+    large = (high - low).max(axis=1) >= CRUMB
+    return mesh if large.all() or not large.any() else compact(Mesh(mesh.vertices, mesh.faces[large[piece]]))
 
 
 def with_details_kept(mesh: Mesh, evaluated: Cage, cage: Cage, cuboid: int, lattice: Lattice) -> Mesh:

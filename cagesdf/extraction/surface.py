@@ -10,8 +10,9 @@ from manifold3d import Manifold
 from cagesdf.cuboid import Cage
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.marching import NOTHING
-from cagesdf.extraction.part import USUAL, Fineness, Part, part_of
+from cagesdf.extraction.part import Part, part_of
 from cagesdf.extraction.promises import Meshes, check, count_pieces, keep_loose, symmetric_none
+from cagesdf.extraction.thinness import USUAL, Fineness
 from cagesdf.extraction.values import Method, sparse_values
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh
@@ -53,10 +54,10 @@ def extract(
     """The zero surface of a field (§3.6): cuboid by cuboid, each cut by its faces, and united exactly; canonical frame.
 
     Cells are at most as long as `resolution` of them along [-HALF_EXTENT, HALF_EXTENT], and each cuboid has at least
-    `fineness.least` along each of its axes. `each` evaluates the cuboids, in as many threads as the caller wants;
-    the surface is the same. Raises InputError if the network gives values that are not
-    finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is promised (see
-    `check`).
+    `fineness.least` along each of its axes; thin parts have smaller ones (`holding_lattice`). `each` evaluates the
+    cuboids, in as many threads as the caller wants; the surface is the same. Raises InputError if the network gives
+    values that are not finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is
+    promised (see `check`).
     """
     return LiveSurface(resolution, method, loose, symmetry, fineness).surface(field, each)
 

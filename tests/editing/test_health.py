@@ -1,5 +1,7 @@
 """What is said of a surface: whether it is closed, hangs together, and is thick enough for its cells."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,10 +13,13 @@ from cagesdf.editing.health import FINEST, HELD, STEP, Health
 from cagesdf.editing.state import State
 from cagesdf.extraction import USUAL, Extraction
 from cagesdf.extraction.lattice import Lattice
+from cagesdf.extraction.thinness import FINER
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.geometry.solid import cage_surface, thickness, union
 from tests.support.attached import box, state_of
+
+EVEN = replace(USUAL, through=0.0)  # cells that are the same whatever they hold
 
 
 def found(parts: dict[str, Mesh]) -> Extraction:
@@ -40,7 +45,7 @@ def test_a_board_is_as_thick_as_it_is_and_holds_with_the_resolution_that_is_reco
     thickness: float, resolution: int
 ) -> None:
     state, surface = board(thickness)
-    health = Health.of(surface, state, resolution)
+    health = Health.of(surface, state, resolution, EVEN)
     assert health.thinnest == "board"
     assert health.thickness == pytest.approx(thickness / (1 + 2 * thickness / 0.6))  # the rims are area, too
     # In steps of a lattice, which has whole cells and at least 16 along each axis; the rims are area there, too.
@@ -48,13 +53,29 @@ def test_a_board_is_as_thick_as_it_is_and_holds_with_the_resolution_that_is_reco
     steps = thickness / 0.5 * deep
     assert health.cells == pytest.approx(steps / (1 + 2 * steps / wide), rel=0.07)
     if health.resolution:
-        assert Health.of(surface, state, health.resolution).cells >= HELD
-        assert Health.of(surface, state, health.resolution - STEP).cells < HELD
+        assert Health.of(surface, state, health.resolution, EVEN).cells >= HELD
+        assert Health.of(surface, state, health.resolution - STEP, EVEN).cells < HELD
     else:
-        assert Health.of(surface, state, FINEST).cells < HELD
+        assert Health.of(surface, state, FINEST, EVEN).cells < HELD
     assert bool(health.warnings()) == (health.cells < HELD)
     if health.warnings():
         assert (str(health.resolution) if health.resolution else "thicker") in health.warnings()[0]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.001, 0.05), st.integers(32, 256))
+def test_a_board_that_is_too_thin_is_said_to_be_so_only_where_no_cells_hold_it(
+    thickness: float, resolution: int
+) -> None:
+    state, surface = board(thickness)
+    even, held = (Health.of(surface, state, resolution, fineness) for fineness in (EVEN, USUAL))
+    assert held.cells >= even.cells
+    if even.cells >= HELD:
+        assert (held.cells, held.warnings()) == (even.cells, ())
+    elif thickness > 1.2 * HELD * max(FINER * 2 * HALF_EXTENT, np.cbrt(0.6 * 0.5 * 0.6)) / resolution:
+        assert held.cells == pytest.approx(HELD, rel=0.1)
+    else:
+        assert held.cells < 1.1 * HELD
 
 
 def test_a_solid_that_fills_its_cuboid_is_never_too_thin() -> None:
@@ -92,4 +113,4 @@ def test_cells_through_a_part_are_its_thickness_once_the_lattice_s_steps_are_uni
     steps = Lattice.of(cuboid, 2 * HALF_EXTENT / resolution, USUAL.least).steps
     expected = thickness(mesh.with_vertices((mesh.vertices - cuboid.centre) @ axes.T / steps))
     state = state_of({"part": cuboid})
-    assert Health.of(found({"part": mesh}), state, resolution).cells == pytest.approx(expected)
+    assert Health.of(found({"part": mesh}), state, resolution, EVEN).cells == pytest.approx(expected)

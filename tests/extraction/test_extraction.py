@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cagesdf.cuboid import Cage, Cuboid
@@ -30,10 +30,12 @@ from cagesdf.extraction import (
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, drawn, march
 from cagesdf.extraction.merging import merged
+from cagesdf.extraction.thinness import FINER, Profile, holding_lattice
 from cagesdf.extraction.values import dense_values
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.distance import SurfaceDistance
-from cagesdf.geometry.meshes import Mesh, face_areas, is_closed, signed_volume, topology
+from cagesdf.geometry.meshes import Mesh, face_areas, face_components, is_closed, signed_volume, topology
+from cagesdf.geometry.solid import CUBE_FACES
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.decoders import CageDecoder, Decoder, TrainsOn
 from tests.support.analytic import sphere_sdf
@@ -332,6 +334,7 @@ def test_a_part_moves_with_its_cuboid(seed: int) -> None:
 
 
 @given(seed=st.integers(0, 10**6), scale=st.sampled_from([1e-9, 1e-3, 0.03, 10.0]), smooth=st.booleans())
+@example(seed=75, scale=1e-9, smooth=False)  # a piece of two flat discs
 @settings(max_examples=40, deadline=None)
 def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     seed: int, scale: float, smooth: bool
@@ -339,7 +342,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     """Of each part, before and after its faces are made fewer, and of all; `extract` checks only the last."""
     cage = random_cage(seed, 3)
     decoder = waves(seed, 100 * scale) if smooth else noise(scale)
-    extraction = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.028, 0.05))
+    extraction = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 2.0, 0.028, 0.05))
     for part_id, mesh in extraction.parts.items():
         if len(mesh.faces):
             assert_sound(mesh)
@@ -497,7 +500,7 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
     bumpy = Local(lambda p: np.linalg.norm(p, axis=1) - 0.2 + 0.03 * np.sin(25 * p[:, 0]) * np.cos(19 * p[:, 2]))
     cage = random_cage(seed, 4)
     cage = replace(cage, size=cage.size.clip(0.3))
-    live = LiveSurface(24, fineness=Fineness(6, 0.028, 0.05))
+    live = LiveSurface(24, fineness=Fineness(6, 2.0, 0.028, 0.05))
     live.surface(field_of(bumpy, LATENT, cage))
     for edit in range(6):
         centre, axes, size = cage.centre.copy(), cage.axes.copy(), cage.size.copy()
@@ -507,7 +510,7 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
         size[k] *= rng.uniform(0.8, 1.2, 3) if edit == 5 else 1
         cage = replace(cage, centre=centre, axes=axes, size=size)
         field = field_of(bumpy, LATENT, cage)
-        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 0.028, 0.05))
+        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 2.0, 0.028, 0.05))
         assert_same(once.mesh, anew.mesh)
         for part in cage.part_ids:
             assert_same(once.parts[part], anew.parts[part])
@@ -559,10 +562,10 @@ def test_unions_that_were_kept_change_nothing(seed: int) -> None:
     """Bit for bit, over edits of one of seven parts after another, some of them empty."""
     rng = np.random.default_rng(seed)
     decoder, cage = waves(seed, 1.0), random_cage(seed, 7)
-    live = LiveSurface(20, fineness=Fineness(6, 0.028, 0.05))
+    live = LiveSurface(20, fineness=Fineness(6, 2.0, 0.028, 0.05))
     for _ in range(4):
         field = field_of(decoder, LATENT, cage)
-        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 0.028, 0.05)).mesh)
+        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 2.0, 0.028, 0.05)).mesh)
         centre = cage.centre.copy()
         centre[rng.integers(7)] += rng.normal(size=3) * 0.2
         cage = replace(cage, centre=centre)
@@ -666,6 +669,66 @@ def test_loose_pieces_are_counted_and_dropped_on_demand_with_what_is_as_large_ke
     assert (kept.components, kept.dropped) == (3, 0)
     assert (dropped.components, dropped.dropped) == (2, 1)
     assert bytes_of(dropped.mesh.vertices) == bytes_of(dropped.mesh.vertices * [-1.0, 1, 1])
+
+
+@pytest.mark.parametrize(("radius", "left"), [(0.02, 1), (0.1, 2)])
+def test_pieces_too_small_to_be_meant_are_swept_away_and_larger_ones_stay(radius: float, left: int) -> None:
+    def balls(points: np.ndarray) -> np.ndarray:
+        return np.minimum(sphere_sdf(points, 0.4), sphere_sdf(points - [0.0, 0.6, 0.0], radius))
+
+    cage = Cage.of({"all": box([0, 0, 0], [1.5] * 3)})
+    assert extract(field_of(Analytic(balls), LATENT, cage), 128).components == left
+    hollow = Analytic(lambda p: np.maximum(sphere_sdf(p, 0.4), -sphere_sdf(p - [0.0, 0.2, 0.0], radius)))
+    assert len(np.unique(face_components(extract(field_of(hollow, LATENT, cage), 128).mesh))) == left
+
+
+def test_a_rod_as_thin_as_a_crumb_stays_and_so_does_a_part_of_crumbs_alone() -> None:
+    def rod(points: np.ndarray) -> np.ndarray:
+        apart = np.linalg.norm(points[:, :2] - [0.0, 0.6], axis=1) - 0.02
+        return np.minimum(sphere_sdf(points, 0.4), np.maximum(apart, np.abs(points[:, 2]) - 0.3))
+
+    cage = Cage.of({"all": box([0, 0, 0], [1.5] * 3)})
+    assert extract(field_of(Analytic(rod), LATENT, cage), 128).components == 2
+    ball = Analytic(lambda p: sphere_sdf(p, 0.02))
+    assert extract(field_of(ball, LATENT, cage), 128).components == 1
+
+
+@pytest.mark.parametrize("thick", [0.006, 0.012, 0.04])
+def test_a_sheet_that_is_bent_through_a_deep_cuboid_is_whole_in_cells_that_its_thickness_skips(thick: float) -> None:
+    """A quarter of a tube: torn where cells are 0.016 alone."""
+
+    def sheet(points: np.ndarray) -> np.ndarray:
+        shell = np.abs(np.hypot(points[:, 0] + 0.4, points[:, 1] + 0.4) - 0.7) - thick / 2
+        return np.maximum(shell, np.abs(points[:, 2]) - 0.3)
+
+    field = field_of(Analytic(sheet), LATENT, Cage.of({"all": box([0, 0, 0], [0.8, 0.8, 0.7])}))
+    held, torn = (extract(field, 128, fineness=fineness) for fineness in (USUAL, replace(USUAL, through=0.0)))
+    assert topology(held.mesh) == (1, 0)
+    assert (topology(torn.mesh) == (1, 0)) == (thick == 0.04)
+    assert signed_volume(held.mesh) == pytest.approx(0.7 * np.pi / 2 * thick * 0.6, rel=0.1)
+    assert (held.evaluations > torn.evaluations) == (thick < 0.04)
+
+
+@pytest.mark.parametrize("size", [[0.9, 0.01, 0.7], [0.9, 0.01, 0.02]])
+def test_a_plate_and_a_rod_along_their_cuboids_are_made_once(size: list[float]) -> None:
+    half = 0.48 * np.array(size)
+    field = field_of(Local(lambda p: (np.abs(p) - half).max(axis=1)), LATENT, Cage.of({"a": box([0, 0, 0], size)}))
+    once = extract(field, 128, fineness=replace(USUAL, through=0.0))
+    assert extract(field, 128).evaluations == once.evaluations
+
+
+@pytest.mark.parametrize("thick", [1e-4, 0.006, 0.02, 0.5])
+def test_cells_that_hold_a_part_are_small_enough_but_no_smaller_than_allowed(thick: float) -> None:
+    cuboid, cell = box([0.1, 0, 0], [0.8, 0.8, 0.7], rotation(3)), 2 * HALF_EXTENT / 128
+    board = Cage.of({"a": Cuboid(cuboid.centre, rotation(8), np.array([0.4, thick, 0.4]))})
+    profile = Profile.of(Mesh(board.corners()[0], CUBE_FACES), cuboid)
+    usual, lattice = Lattice.of(cuboid, cell, USUAL.least), holding_lattice(profile, cuboid, cell, USUAL)
+    assert (lattice.cells >= usual.cells).all()
+    assert (lattice.cells - 1).prod() < 128**3
+    assert lattice.steps.min() >= usual.steps.min() * FINER * 0.99
+    if thick == 0.02:
+        assert USUAL.through <= profile.cells(lattice) < 1.3 * USUAL.through
+    assert (lattice.cells == usual.cells).all() == (thick == 0.5)
 
 
 def test_a_cavity_is_no_piece_and_stays() -> None:

@@ -10,7 +10,7 @@ from cagesdf.cuboid import Cuboid
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, march
 from cagesdf.extraction.merging import merged
-from cagesdf.extraction.part import USUAL
+from cagesdf.extraction.thinness import USUAL
 from cagesdf.extraction.values import dense_values
 from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume, topology
 from tests.support.analytic import sphere_sdf
