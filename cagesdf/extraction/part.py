@@ -14,7 +14,7 @@ from cagesdf.extraction.merging import merged
 from cagesdf.extraction.thinness import USUAL, Fineness, Profile, holding_lattice
 from cagesdf.extraction.values import Method
 from cagesdf.frames import HALF_EXTENT
-from cagesdf.geometry.meshes import Mesh, compact, face_components
+from cagesdf.geometry.meshes import Mesh, compact, face_components, face_normals
 from cagesdf.geometry.resizing import keeping_warp, vulnerability
 from cagesdf.geometry.solid import as_manifold, from_manifold
 
@@ -24,9 +24,9 @@ CLIP_TOLERANCE = 0.25
 # Cells below COARSE don't make the network more exact: in smaller ones faces are reduced with the movements that COARSE
 # ones have, in canonical units, or at most EASE times the usual movements in steps.
 COARSE, EASE = 2 * HALF_EXTENT / 128, 2.0
-# What is shorter along every axis, beside something longer, is the network's noise; in steps of a lattice of cells of
-# COARSE, or of those asked for if they are larger.
-CRUMB = 3.0
+# Pieces smaller than both are the network's noise beside something larger: in steps, along every axis, of a lattice of
+# cells of COARSE, or of those asked for if they are larger; and in its cells.
+CRUMB_LENGTH, CRUMB_VOLUME = 8.0, 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,20 +91,23 @@ def _on_lattice(
 
 
 def without_crumbs(mesh: Mesh, lattice: Lattice) -> Mesh:
-    """A closed part without its pieces and voids that are shorter than CRUMB steps along each axis of its lattice.
+    """A closed part without pieces and voids smaller than CRUMB_LENGTH and CRUMB_VOLUME in the steps of a lattice.
 
     The mesh itself if there are none, or nothing else.
     """
     piece = face_components(mesh)
-    pieces = int(piece.max(initial=0)) + 1
-    if pieces < 2:
+    count = int(piece.max(initial=0)) + 1
+    if count < 2:
         return mesh
     places = (mesh.vertices - lattice.cuboid.centre) @ lattice.cuboid.axes.T / lattice.steps
-    low, high = np.full((pieces, 3), np.inf), np.full((pieces, 3), -np.inf)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     for corner in mesh.faces.T:
         np.minimum.at(low, piece, places[corner])
         np.maximum.at(high, piece, places[corner])
-    large = (high - low).max(axis=1) >= CRUMB
+    scaled = mesh.with_vertices(places)
+    volumes = np.einsum("ij,ij->i", places[mesh.faces].mean(axis=1), face_normals(scaled)) / 6
+    large = (high - low).max(axis=1) >= CRUMB_LENGTH
+    large |= np.abs(np.bincount(piece, volumes, count)) >= CRUMB_VOLUME
     return mesh if large.all() or not large.any() else compact(Mesh(mesh.vertices, mesh.faces[large[piece]]))
 
 

@@ -65,7 +65,7 @@ class Stage:
         self._boxes: dict[str, Any] = {}
         self._numbers = count()  # of boxes and gizmos: a node with an earlier one's name would begin with its pose
         self._cage: Cage | None = None  # cuboids that can be clicked
-        self._pieces: list[tuple[str, Any]] = []  # the surface, cut by part: part id and node
+        self._pieces: dict[str, tuple[Mesh, Any]] = {}  # the surface, cut by part: its meshes and nodes, by part id
         self._handles: dict[tuple[int, int], Any] = {}
         self._following = threading.Lock()  # guards nodes that follow the camera, in its event loop
         # The cage that the camera was placed for, the view's width over its height then, and the camera's last
@@ -172,30 +172,26 @@ class Stage:
     def show_parts(
         self, meshes: Mapping[str, Mesh], colours: Mapping[str, Colour], hidden: Set[str], look: str
     ) -> None:
-        """A mesh for each part in the surface's place, in one of LOOKS."""
+        """A mesh for each part in the surface's place, in one of LOOKS; those that are the same aren't sent again."""
         with self._client.atomic():
-            for _, piece in self._pieces:
+            before, self._pieces = self._pieces, {}
+            for part, mesh in meshes.items():
+                if part in before and _equal(before[part][0], mesh):
+                    self._pieces[part] = before.pop(part)
+                elif len(mesh.faces):
+                    self._pieces[part] = mesh, self._piece(mesh)
+            for _, piece in before.values():
                 piece.remove()
-            self._pieces = [
-                (
-                    part,
-                    self._scene.add_mesh_simple(
-                        f"/surface/{i}",
-                        mesh.vertices.astype(np.float32),
-                        mesh.faces.astype(np.uint32),
-                        color=rgb(CLAY) if look == "Clay" else colours[part],
-                        wireframe=look == "Wireframe",
-                        visible=part not in hidden,
-                    ),
-                )
-                for i, (part, mesh) in enumerate(meshes.items())
-                if len(mesh.faces)
-            ]
+            self.show_look(colours, hidden, look)
+
+    def _piece(self, mesh: Mesh) -> Any:
+        name, vertices = f"/surface/{next(self._numbers)}", mesh.vertices.astype(np.float32)
+        return self._scene.add_mesh_simple(name, vertices, mesh.faces.astype(np.uint32))
 
     def show_look(self, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
         """The same surface in another of LOOKS, or with other parts hidden."""
         with self._client.atomic():
-            for part, piece in self._pieces:
+            for part, (_, piece) in self._pieces.items():
                 piece.color = rgb(CLAY) if look == "Clay" else colours.get(part, rgb(CLAY))
                 piece.wireframe, piece.visible = look == "Wireframe", part not in hidden
 
@@ -344,3 +340,7 @@ class Stage:
 def label_of(names: Mapping[str, str], parts: Sequence[str]) -> str:
     """Names of selected parts as one text."""
     return ", ".join(names[part] for part in parts) or "nothing"
+
+
+def _equal(one: Mesh, other: Mesh) -> bool:
+    return np.array_equal(one.vertices, other.vertices) and np.array_equal(one.faces, other.faces)

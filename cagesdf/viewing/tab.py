@@ -81,6 +81,8 @@ class Tab:
         self._locked: frozenset[str] = frozenset()
         self._coloured: tuple[Structure, dict[str, Colour]] | None = None
         self._made: Made | None = None
+        self._previewed: State | None = None  # of a drag, last
+        self._caged: State | None = None  # whose cuboids are shown
         self._fine_since = time.monotonic()  # the fine surface is being made
         self._asks = False  # whether the page asks before it is left
         self._offered: list[tuple[tuple[int, str], Draft]] = []  # as shown
@@ -192,9 +194,12 @@ class Tab:
             return
         self._made = made
         mesh, state = made.extraction.mesh, made.state
-        self._stage.show_surface(
-            made.extraction, state.cage, self._colours(state), self._hidden, self._panel.look.value
-        )
+        with self._client.atomic():  # a frame for cuboids and surface
+            if state is not self._caged and state in (self._document.state, self._previewed):
+                self._show_cage(state)
+            self._stage.show_surface(
+                made.extraction, state.cage, self._colours(state), self._hidden, self._panel.look.value
+            )
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
         self._panel.mark.value = f"{made.cells} cells, {mark}"
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
@@ -250,7 +255,12 @@ class Tab:
             self._coloured = state.structure, part_colours(state)
         return self._coloured[1]
 
+    def _show_handles(self, state: State) -> None:
+        one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
+        self._stage.show_handles(one if self._panel.tool.value == "Resize" else None)
+
     def _show_cage(self, state: State) -> None:
+        self._caged = state
         self._stage.show_cage(
             state.cage,
             self._colours(state),
@@ -273,8 +283,8 @@ class Tab:
         centre, axes = gizmo_frame(state, self._selected)
         tool = self._panel.tool.value
         self._stage.show_gizmo(centre, axes, tool)
+        self._show_handles(state)
         one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
-        self._stage.show_handles(one if tool == "Resize" else None)
         colours = self._colours(state)
         self._parts.show(state, colours, self._selected, self._hidden, self._locked)
         unit = state.similarity
@@ -470,13 +480,12 @@ class Tab:
         self._say(f"{self._document.name}: {len(solids)} parts, not fitted yet")
 
     def _preview(self, operation: Operation) -> None:
-        """Show the result of an operation while a hand is still dragging."""
+        """Show the result of an operation while a hand is still dragging: the cuboids with their surface."""
         self._check_fitted()
-        state = self._document.then(operation, self._opened.session.styles).state
-        self._show_cage(state)
-        if len(self._selected) == 1 and self._panel.tool.value == "Resize":
-            self._stage.show_handles(state.cage[self._selected[0]])
-        self._worker.want(state)
+        self._previewed = self._document.then(operation, self._opened.session.styles).state
+        if self._panel.tool.value == "Resize":
+            self._show_handles(self._previewed)
+        self._worker.want(self._previewed)
 
     def _drag(self, phase: str, operation: Operation | None) -> None:
         """An operation while a hand drags: shown, and done at the end."""
