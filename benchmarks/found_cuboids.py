@@ -9,7 +9,7 @@ joined into one mesh, whose parts are found. Both go the way of the stages with 
 copies where a shape has no partner), for as many steps, and are measured at 128 cells: source shapes beside their given
 parts, and beside the parts that they were trained on, which may have been repaired in another way; cuboids of one shape
 with the style of another, by its latent (`swap`) and by its corresponding parts (`mix` of all parts), beside the parts
-warped from the given cuboids, as gains; edits of single cuboids beside the deformed parts.
+of the other that both have, warped into them, as gains; edits of single cuboids beside the deformed parts.
 Artefacts are left in WORK, where those that are there are used. Prints a Markdown table.
 """
 
@@ -25,18 +25,18 @@ import torch
 
 from cagesdf.editing.script import Mix
 from cagesdf.editing.session import Session, state_field
+from cagesdf.editing.styles import corresponding
 from cagesdf.errors import ShapeRejected
-from cagesdf.evaluation.edits import Row, measure, with_gains
+from cagesdf.evaluation.edits import Row, measure
 from cagesdf.evaluation.reconstruction import score
 from cagesdf.evaluation.surfaces import Measured, Truth
-from cagesdf.evaluation.trials import Trial, local_trials
+from cagesdf.evaluation.trials import Trial, local_trials, trial_of
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.extraction.field import CageField
 from cagesdf.formats.listing import list_shapes, read_shape
 from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.geometry.solid import union
 from cagesdf.importing import import_shape
-from cagesdf.io.edits import read_edits
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.runs import Run, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes, write_shapes
@@ -170,17 +170,46 @@ def edited(field: CageField, trial: Trial, seed: int) -> Row:
     return {"kind": trial.kind, "trial_id": trial.trial_id, **figures}
 
 
-def swap_gains(run: Run, folder: Path, known: set[str], field: Callable[[Run, Trial], CageField]) -> list[float]:
-    """Gains of the swaps of `make_trials`, each in the run's own cuboids of its shape, by `swapped` or `mixed`."""
-    if not folder.is_dir():
-        return []
-    source = read_trials(folder)
-    references, _ = read_edits(folder / "references.parquet")
-    trials = [source.read(name) for name, row in source.rows.items() if row["kind"] == SWAPPED]
-    measurable = [trial for trial in trials if {trial.shape_id, trial.style_of} <= known]
-    own = [replace(trial, cage=run.sequences[trial.shape_id].cages[0]) for trial in measurable]
-    rows = [edited(field(run, trial), trial, 0) for trial in own]
-    return [row["gain"] for row in with_gains(rows, references)]
+def styled(session: Session, shapes: ShapeFolder, shape_id: str, style_of: str) -> Trial:
+    """A trial of one shape's cuboids with the parts of another, each warped into the cuboid that corresponds.
+
+    Parts that none corresponds to stay as they are.
+    """
+    state, other = session.opened(shape_id), session.opened(style_of)
+    partners = corresponding(state, other, None)
+    own, theirs = ({part.part_id: part.mesh for part in shapes.read(name).parts} for name in (shape_id, style_of))
+    meshes = []
+    for number, part in enumerate(state.cage.part_ids):
+        mesh = own[part]
+        if part in partners:
+            partner = partners[part]
+            unit = other.cage.to_unit(theirs[partner].vertices, other.cage.part_ids.index(partner))
+            mesh = theirs[partner].with_vertices(state.cage.from_unit(unit, number))
+        meshes.append(mesh)
+    return trial_of(SWAPPED, shape_id, state.cage, meshes, style_of=style_of)
+
+
+def style_gains(run: Run, shapes: ShapeFolder, folder: Path) -> list[tuple[float, float]]:
+    """Gains by `swapped` and `mixed` of the pairs of `make_trials` that the run has, each in the run's own cuboids."""
+    pairs = []
+    if folder.is_dir():
+        rows = [row for row in read_trials(folder).rows.values() if row["kind"] == SWAPPED]
+        pairs = [
+            (row["shape_id"], row["style_of"]) for row in rows if {row["shape_id"], row["style_of"]} <= {*shapes.ids}
+        ]
+    session, gains = Session(run), []
+    for shape_id, style_of in pairs:
+        trial = styled(session, shapes, shape_id, style_of)
+        unchanged = union([part.mesh for part in shapes.read(shape_id).parts])
+        truth = Truth(trial.truth, trial.cage, DETAIL)
+
+        def detail(surface: Mesh, trial: Trial = trial, truth: Truth = truth) -> float:
+            rng = item_rng(0, "found_parts", trial.trial_id)
+            return measure(surface, trial, truth, POINTS // 4, rng)["distance_detail"]
+
+        swap, mix = (extract_surface(field(run, trial), CELLS // 2) for field in (swapped, mixed))
+        gains.append((1 - detail(swap) / detail(unchanged), 1 - detail(mix) / detail(unchanged)))
+    return gains
 
 
 def local_distances(run: Run, shapes: ShapeFolder, ids: list[str]) -> list[float]:
@@ -206,7 +235,7 @@ def rows_of(title: str, given: Path, found: Path, trials: Path, steps: int, cell
         figures = [reconstruction(run, truths.read(shape_id), shapes.read(shape_id)) for shape_id in ids]
         distances, normals, own = np.array(figures).T
         local = local_distances(run, shapes, ids[:EDITED])
-        gains = [swap_gains(run, trials, {*ids}, field) for field in (swapped, mixed)]
+        gains = [*zip(*style_gains(run, shapes, trials))] or [(), ()]
         parts = np.mean([len(run.sequences[shape_id].cages[0]) for shape_id in ids])
         means[kind] = float(distances.mean())
         styles = [f"{np.median(row):.3f}, {np.mean(row):.3f} ({len(row)})" if row else "–" for row in gains]
