@@ -44,10 +44,12 @@ CodeMethod = Literal["independent", "dependent", "by_part"]
 def load_run(folder: Path | str, programs: Path | str | None = None) -> "TrainedRun":
     """A trained run, such as data/runs/chair/cagesdf; "demo" is the small one that comes with the package.
 
+    A folder of that name comes before it.
+
     `programs` is a folder that `train_programs` wrote, for new cuboids; without it, data/programs/chair for the run
     above. Raises InputError for a folder that isn't a run, and for files that are damaged.
     """
-    if folder == "demo":
+    if str(folder) == "demo" and not Path(folder).exists():
         return TrainedRun(DEMO / "run", DEMO / "programs")
     return TrainedRun(Path(folder), None if programs is None else Path(programs))
 

@@ -11,6 +11,7 @@ import trimesh
 from cagesdf.api.display import PREVIEW, shape_html
 from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
 from cagesdf.editing.document import Document
+from cagesdf.editing.health import Health
 from cagesdf.editing.parts import parameters, part_names
 from cagesdf.editing.script import (
     Add,
@@ -53,13 +54,14 @@ from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
 
 RESOLUTION = 128  # cells
-LEAST = 8  # cells
+LEAST, MOST = 8, 1024  # cells: more would take tens of gigabytes
 
 
 def check_resolution(resolution: int) -> None:
-    """Raise InputError for fewer than LEAST cells."""
-    if resolution < LEAST:
-        raise InputError(f"resolution {resolution}: wanted at least {LEAST} cells; {RESOLUTION} is usual, 256 is fine")
+    """Raise InputError for fewer than LEAST cells and for more than MOST."""
+    if not LEAST <= resolution <= MOST:
+        wanted = f"wanted {LEAST} to {MOST:,} cells; {RESOLUTION} is usual, 256 is fine"
+        raise InputError(f"resolution {resolution:,}: {wanted}")
 
 
 class ModelledShape(ABC):
@@ -218,6 +220,14 @@ class EditableShape(ModelledShape):
         if choices not in self._live:
             self._live[choices] = self._session.live(*choices)
         return self._live[choices].surface(self.state, each)
+
+    def warnings(self, resolution: int = RESOLUTION) -> tuple[str, ...]:
+        """Sentences about what doesn't hold of the surface, as `cagesdf edit` prints them; none where all does.
+
+        They name parts that fall to pieces or have no surface, surfaces in more pieces than their cuboids, and parts
+        that are thinner than two of their cells.
+        """
+        return Health.of(self.extract(resolution), self.state, resolution).warnings()
 
     def edit(self, script: str | Script) -> "EditableShape":
         """Do all operations of a script, as JSON or read already, or none if one of them can't be done."""

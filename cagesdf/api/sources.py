@@ -66,6 +66,7 @@ def signed_distance(meshes: Source, points: ndarray | Sequence[Sequence[float]])
     InputError for a shape that can't be closed, and for float32 points too far from the origin.
     """
     points = np.asarray(points)
+    points = points.astype(np.float64) if points.dtype.kind in "iu" else points
     check_points(points)
     shape = imported(meshes, "given")  # distances don't ask which part a surface is of
     check_points(points, shape)

@@ -26,6 +26,7 @@ app = cyclopts.App(
     version=lambda: version("cagesdf"),
     version_flags=["--version"],
 )
+CALLED = {"yaml": "pyyaml", "ruamel": "ruamel.yaml", "skimage": "scikit-image"}  # packages, by their modules' names
 for command in (view, inspect, extract, edit, swap, mix, fit, generate, signature, check, parts, sdf, plan):
     app.command(command)
 app.command(execute_programs, name="execute")
@@ -56,8 +57,13 @@ def _extra(module: str | None) -> str | None:
         requirements = requires("cagesdf") or []
     except PackageNotFoundError:
         return None
+    name = (module or "").split(".")[0].lower()
     for requirement in requirements:
         matched = re.match(r"""([\w.-]+).*\bextra == ["']([\w-]+)["']""", requirement)
-        if matched and module is not None and matched[1].lower() == module.split(".")[0].lower():
+        if (
+            matched
+            and module is not None
+            and matched[1].lower() == CALLED.get(name := module.split(".")[0].lower(), name)
+        ):
             return matched[2]
     return None

@@ -9,7 +9,8 @@ from cagesdf.errors import InputError
 def plan(*, profile: str | None = None) -> None:
     """Say what a run will cost: shapes, points, and disk, memory and time of each stage on this machine.
 
-    Runs the stages on two shapes a category, which takes about a minute, and scales that up.
+    Runs the stages on two shapes a category, which takes a minute or two, and scales that up. The paper's network takes
+    a quarter of an hour.
 
     Parameters
     ----------

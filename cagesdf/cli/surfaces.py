@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cagesdf.extraction import Each, Part
 
 # Parameters that several commands have, with their help.
-RunFolder = Annotated[Path, Parameter(help="A folder that `train` wrote, such as data/runs/chair/cagesdf.")]
+RunFolder = Annotated[Path, Parameter(help="A folder that `train` wrote, such as data/runs/chair/cagesdf; or demo.")]
 OutFile = Annotated[
     Path,
     Parameter(

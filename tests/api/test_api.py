@@ -154,7 +154,7 @@ def test_what_is_wrong_is_named_and_leaves_the_shape_as_it_was(run: cagesdf.Trai
         (lambda: shape.resize("seat", axis="x", factor=0.0), "factor is 0.0; wanted a number from 0.01 to 100"),
         (lambda: shape.swap("c"), "did you mean"),
         (lambda: shape.edit('[{"op": "undo"}, {"op": "undo"}]'), "operation 1: undo: there is nothing to take back"),
-        (lambda: shape.mesh(4), "at least 8 cells"),
+        (lambda: shape.mesh(4), "resolution 4: wanted 8 to 1,024 cells"),
         (lambda: shape.save(tmp_path / "a.step"), "ends in .ply"),
         (lambda: shape.save(tmp_path / "no" / "a.ply"), "make it first"),
         (lambda: run.open("aa"), "did you mean a"),
@@ -203,6 +203,36 @@ def test_new_shapes_have_the_bytes_of_those_that_the_command_makes(command: Comm
         assert (tmp_path / entry["mesh"]).read_bytes() == (tmp_path / "new" / entry["mesh"]).read_bytes()
         np.testing.assert_array_equal(shape.cage.vectors(), entry["cuboids"])
         assert cagesdf.load_run(folder).open(shape.shape_id).edit(shape.script).script == shape.script
+
+
+def test_warnings_are_those_of_the_command(
+    run: cagesdf.TrainedRun, command: Command, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shape = run.open("a").resize("seat", axis="y", factor=0.05)
+    (tmp_path / "script.json").write_text(shape.script)
+    said: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cagesdf.cli.surfaces.warn", said.extend)
+        command("edit", run.folder, "a", tmp_path / "script.json", tmp_path / "out.ply", "--resolution", 24)
+    assert said
+    assert shape.warnings(24) == tuple(said)
+
+
+@pytest.mark.parametrize("resolution", [7, 1025, 100_000])
+def test_no_more_cells_are_made_than_memory_has(run: cagesdf.TrainedRun, resolution: int) -> None:
+    with pytest.raises(cagesdf.InputError, match=f"resolution {resolution:,}: wanted 8 to 1,024 cells"):
+        run.open("a").mesh(resolution)
+
+
+def test_the_demo_is_called_so_in_commands_too(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command("extract", "demo", "chair_0000", tmp_path / "chair.ply", "--resolution", 16)
+    assert (tmp_path / "chair.ply").is_file()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "demo").mkdir()
+    with pytest.raises(cagesdf.InputError, match="demo"):
+        cagesdf.load_run("demo")
 
 
 def test_shapes_and_runs_are_printed_as_lines(run: cagesdf.TrainedRun) -> None:

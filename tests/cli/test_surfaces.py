@@ -109,7 +109,7 @@ def test_nothing_is_written_where_something_is_wrong(command: Command, trained: 
     wanted.mkdir()
     out = wanted / "a.ply"
     assert "did you mean chair_0001" in command.complaint("extract", trained, "chair_001", out)
-    assert "at least 8 cells" in command.complaint("extract", trained, "chair_0001", out, "--resolution", "1")
+    assert "wanted 8 to 1,024 cells" in command.complaint("extract", trained, "chair_0001", out, "--resolution", "1")
     assert "ends in .ply" in command.complaint("extract", trained, "chair_0001", wanted / "a.step")
     assert "make it first" in command.complaint("extract", trained, "chair_0001", tmp_path / "no" / "a.ply")
     assert "train stage" in command.complaint("extract", tmp_path, "chair_0001", out)

@@ -7,6 +7,7 @@ from torch import Tensor
 from cagesdf.models.arms import DECODERS, make_decoder
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.film import modulated
+from tests.support.spheres import SIZES
 
 
 def plain(
@@ -86,23 +87,9 @@ def codes(decoder: Decoder, latent: Tensor, cuboid: Tensor) -> Tensor:
 def test_in_bfloat16_a_decoder_gives_what_float32_gives_within_rounding(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    decoder = make_decoder(
-        name,
-        width=64,
-        layers=6,
-        latent_dim=8,
-        mapping=(32,),
-        octaves=2,
-        code_dim=8,
-        cells=4,
-        channels=4,
-        line_cells=6,
-        line_channels=2,
-        context=16,
-        context_layers=1,
-        heads=2,
-        seed=0,
-    )
+    sizes = {"width": 64, "layers": 6, "latent_dim": 8, "mapping": (32,), "octaves": 2, "code_dim": 8, "cells": 4}
+    sizes |= {"line_cells": 6, "context": 16}
+    decoder = make_decoder(name, **SIZES | sizes, seed=0)
     generator = torch.Generator().manual_seed(1)
     points = torch.rand((4, 64, 3), generator=generator) - 0.5
     latent = torch.randn((4, 8), generator=generator)

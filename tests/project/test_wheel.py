@@ -126,8 +126,13 @@ def test_the_editor_opens_the_demo(editor: subprocess.Popen[str]) -> None:
 
 
 def test_a_module_that_no_extra_has_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    metadata = ['viser<1.2,>=1.1; extra == "editor"', "torch>=2", "jinja2>=3; extra == 'report'"]
+    metadata = [
+        'viser<1.2,>=1.1; extra == "editor"',
+        "torch>=2",
+        "jinja2>=3; extra == 'report'",
+        'pyyaml>=6; extra == "pipeline"',
+    ]
     monkeypatch.setattr(cli, "requires", lambda name: metadata)
-    assert [cli._extra(name) for name in ("viser", "viser.infra", "jinja2", "torch", "nothing", None)] == [
-        "editor", "editor", "report", None, None, None,
+    assert [cli._extra(name) for name in ("viser", "viser.infra", "jinja2", "yaml", "torch", "nothing", None)] == [
+        "editor", "editor", "report", "pipeline", None, None, None,
     ]  # fmt: skip
