@@ -1,4 +1,4 @@
-"""Distances between cages of any structures, and between parts in them: by these codes are drawn (§4.4)."""
+"""Distance between cages of any structures: the weights of codes are made from it (§4.4)."""
 
 from collections.abc import Sequence
 
@@ -33,14 +33,6 @@ def cage_distances(cages: Sequence[Cage], others: Sequence[Cage]) -> Float[ndarr
     forth = [[_one_way(*surface, other) for other in others] for surface in surfaces]
     back = [[_one_way(*surface, cage) for surface in other_surfaces] for cage in cages]
     return np.array(forth).reshape(len(cages), len(others)) + np.array(back).reshape(len(cages), len(others))
-
-
-def relative_boxes(cage: Cage) -> Float[ndarray, "p 6"]:
-    """Centre and lengths of the box along the axes around each cuboid, the box around all being [-½, ½]³."""
-    corners = cage.corners()
-    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    first, last = corners.min(axis=1), corners.max(axis=1)
-    return np.concatenate([(first + last) / 2 - (low + high) / 2, last - first], axis=1) / np.tile(high - low, 2)
 
 
 def _one_way(points: Float[ndarray, "n 3"], areas: Float[ndarray, " n"], cage: Cage) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from cagesdf.cage_generation.cage_distance import relative_boxes
 from cagesdf.cuboid import Cage
+from cagesdf.deformation.likeness import relative_boxes
 from cagesdf.editing.links import linked, mirrors, repeats
 from cagesdf.editing.state import State
 from cagesdf.frames import Similarity

@@ -14,11 +14,12 @@ from jaxtyping import Float, Float32
 from numpy import ndarray
 from scipy.spatial.distance import cdist
 
-from cagesdf.cage_generation.cage_distance import cage_distances, relative_boxes
+from cagesdf.cage_generation.cage_distance import cage_distances
 from cagesdf.cage_generation.generator import Generated, Generator, Samples
 from cagesdf.cage_generation.latent_kde import IsotropicGaussian, LatentKde, effective_number, similarity_weights
 from cagesdf.cage_generation.novelty import reach_of, standing
 from cagesdf.cuboid import Cage
+from cagesdf.deformation.likeness import relative_boxes
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction, extract, field_of
 from cagesdf.extraction.field import CageField

@@ -132,7 +132,7 @@ def test_nothing_is_written_where_something_is_wrong(command: Command, run: Path
     assert "wanted 1 to" in command.complaint("generate", run, "--out", out, "--count", 0)
     assert "seed -1" in command.complaint("generate", run, "--out", out, "--seed", -1)
     assert "temperature -1" in command.complaint("generate", run, "--out", out, "--temperature", -1)
-    assert "at least 8 cells" in command.complaint("generate", run, "--out", out, "--resolution", 4)
+    assert "wanted 8 to 1,024 cells" in command.complaint("generate", run, "--out", out, "--resolution", 4)
     assert "is there already" in command.complaint("generate", run, "--out", tmp_path)
     assert "make it first" in command.complaint("generate", run, "--out", tmp_path / "no" / "new")
     assert "wanted one of them" in command.complaint(

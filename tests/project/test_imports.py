@@ -28,7 +28,7 @@ ALLOWED = {
     "sampling": RECORDS | {"deformation", "io"},
     "models": {"errors", "frames", "cuboid"},
     "cage_generation": RECORDS | {"deformation"},
-    "shape_generation": RECORDS | {"deformation", "cage_generation", "io", "extraction"},
+    "shape_generation": RECORDS | {"deformation", "cage_generation", "models", "io", "extraction"},
     "io": RECORDS | {"cage_fitting", "deformation", "models", "evaluation", "cage_generation"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | {"models"},
