@@ -58,10 +58,9 @@ def holding_lattice(profile: Profile, cuboid: Cuboid, cell: float, fineness: Fin
     is smaller than FINER of `cell`, and none so small that the part would have more than the whole has in cells of
     `cell` along [-HALF_EXTENT, HALF_EXTENT].
     """
-    usual = Lattice.of(cuboid, cell, fineness.least)
-    cells = profile.cells(usual)
-    if cells >= fineness.through:
-        return usual
-    wanted = cells / fineness.through * float(usual.steps.max())
-    allowed = max(FINER, float(np.cbrt(cuboid.size.prod())) / (2 * HALF_EXTENT)) * cell
-    return Lattice.of(cuboid, min(max(wanted, allowed), cell), fineness.least)
+    size, lattice = cell, Lattice.of(cuboid, cell, fineness.least)
+    smallest = min(max(FINER, float(np.cbrt(cuboid.size.prod())) / (2 * HALF_EXTENT)), 1.0) * cell
+    while (cells := profile.cells(lattice)) < fineness.through and size > smallest:
+        size = max(min(size, float(lattice.steps.max())) * min(cells / fineness.through, 0.98), smallest)
+        lattice = Lattice.of(cuboid, size, fineness.least)
+    return lattice

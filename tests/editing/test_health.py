@@ -73,9 +73,10 @@ def test_a_board_that_is_too_thin_is_said_to_be_so_only_where_no_cells_hold_it(
     if even.cells >= HELD:
         assert (held.cells, held.warnings()) == (even.cells, ())
     elif thickness > 1.2 * HELD * max(FINER * 2 * HALF_EXTENT, np.cbrt(0.6 * 0.5 * 0.6)) / resolution:
-        assert held.cells == pytest.approx(HELD, rel=0.1)
+        assert HELD <= held.cells < 1.2 * HELD
+        assert held.warnings() == ()
     else:
-        assert held.cells < 1.1 * HELD
+        assert held.cells < 1.2 * HELD
 
 
 def test_a_solid_that_fills_its_cuboid_is_never_too_thin() -> None:
