@@ -59,7 +59,9 @@ def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, meth
     evaluated = field.evaluated[field.cage.part_ids[cuboid]]
     lattice = Lattice.of(evaluated, cell, fineness.least)
     part = _on_lattice(field, cuboid, lattice, cell, fineness, method)
-    holding = holding_lattice(Profile.of(part.mesh, evaluated), evaluated, cell, fineness)
+    holding = lattice
+    if fineness.through > 0:
+        holding = holding_lattice(Profile.of(part.mesh, evaluated), evaluated, cell, fineness)
     if (holding.cells > lattice.cells).any():
         lattice, first = holding, part
         part = _on_lattice(field, cuboid, lattice, cell, fineness, method)

@@ -179,14 +179,16 @@ class Stage:
                 if part in before and _equal(before[part][0], mesh):
                     self._pieces[part] = before.pop(part)
                 elif len(mesh.faces):
-                    self._pieces[part] = mesh, self._piece(mesh)
+                    colour = rgb(CLAY) if look == "Clay" else colours[part]
+                    self._pieces[part] = mesh, self._piece(mesh, colour, look == "Wireframe", part not in hidden)
             for _, piece in before.values():
                 piece.remove()
             self.show_look(colours, hidden, look)
 
-    def _piece(self, mesh: Mesh) -> Any:
+    def _piece(self, mesh: Mesh, colour: Colour, wireframe: bool, visible: bool) -> Any:
         name, vertices = f"/surface/{next(self._numbers)}", mesh.vertices.astype(np.float32)
-        return self._scene.add_mesh_simple(name, vertices, mesh.faces.astype(np.uint32))
+        faces = mesh.faces.astype(np.uint32)
+        return self._scene.add_mesh_simple(name, vertices, faces, color=colour, wireframe=wireframe, visible=visible)
 
     def show_look(self, colours: Mapping[str, Colour], hidden: Set[str], look: str) -> None:
         """The same surface in another of LOOKS, or with other parts hidden."""
