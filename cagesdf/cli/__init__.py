@@ -60,10 +60,6 @@ def _extra(module: str | None) -> str | None:
     name = (module or "").split(".")[0].lower()
     for requirement in requirements:
         matched = re.match(r"""([\w.-]+).*\bextra == ["']([\w-]+)["']""", requirement)
-        if (
-            matched
-            and module is not None
-            and matched[1].lower() == CALLED.get(name := module.split(".")[0].lower(), name)
-        ):
+        if matched and matched[1].lower() == CALLED.get(name, name):
             return matched[2]
     return None
