@@ -23,10 +23,12 @@ class Nodes:
         self.there: dict[str, SimpleNamespace] = {}
         self.sent = 0
 
-    def add(self, name: str, vertices: np.ndarray, faces: np.ndarray) -> SimpleNamespace:
+    def add(self, name: str, vertices: np.ndarray, faces: np.ndarray, **look: object) -> SimpleNamespace:
         assert name not in self.there, "a node of that name is there"
         self.sent += 1
-        self.there[name] = node = SimpleNamespace(vertices=vertices, faces=faces, remove=lambda: self.there.pop(name))
+        self.there[name] = node = SimpleNamespace(
+            vertices=vertices, faces=faces, remove=lambda: self.there.pop(name), **look
+        )
         return node
 
 
