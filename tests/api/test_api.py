@@ -210,12 +210,12 @@ def test_warnings_are_those_of_the_command(
 ) -> None:
     shape = run.open("a").resize("seat", axis="y", factor=0.05)
     (tmp_path / "script.json").write_text(shape.script)
-    said: list[str] = []
+    warned: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cagesdf.cli.surfaces.warn", said.extend)
+        patch.setattr("cagesdf.cli.surfaces.warn", warned.extend)
         command("edit", run.folder, "a", tmp_path / "script.json", tmp_path / "out.ply", "--resolution", 24)
-    assert said
-    assert shape.warnings(24) == tuple(said)
+    assert warned
+    assert shape.warnings(24) == tuple(warned)
 
 
 @pytest.mark.parametrize("resolution", [7, 1025, 100_000])
