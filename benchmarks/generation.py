@@ -21,12 +21,12 @@ import torch
 from cagesdf.extraction import LOOSE
 from cagesdf.io.cage_generators import read_generator
 from cagesdf.io.runs import read_run
+from cagesdf.shape_generation.cages import draw_cages
 from cagesdf.shape_generation.surfaces import (
     STABILITIES,
     Extracting,
     code_source,
     counts,
-    draw_cages,
     has_cuboids,
     make_shape,
     methods_of,
@@ -56,8 +56,8 @@ def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[
                 start = clock()
                 drawn: list[tuple[int, Any]] = [(i, None) for i in range(shapes)]
                 if has_cuboids(run):
-                    generator = read_generator(data / "programs" / category).generator
-                    samples = draw_cages(generator, rng_of(turn), shapes, 1.0)
+                    trained = read_generator(data / "programs" / category)
+                    samples = draw_cages(trained, rng_of(turn), shapes, 1.0)
                     drawn = list(zip(samples.numbers, samples.kept))
                 todo = list(orders(drawn, method, source, turn, partial(rng_of, turn, 1), 1.0))
                 with ThreadPoolExecutor(threads) as pool:

@@ -19,13 +19,13 @@ from cagesdf.io.generated_shapes import KIND, GeneratedShape, write_generated
 from cagesdf.io.runs import Run, read_run
 from cagesdf.models.arms import decoder_class
 from cagesdf.seeds import item_rng
+from cagesdf.shape_generation.cages import draw_cages
 from cagesdf.shape_generation.surfaces import (
     STABILITIES,
     Extracting,
     Order,
     code_source,
     counts,
-    draw_cages,
     has_cuboids,
     in_order,
     make_shape,
@@ -82,8 +82,8 @@ def cages(run: Run, programs: Path, params: GenerateParams) -> tuple[Samples, li
     """New cages, with the numbers of their draws; for an arm without cuboids None for each number."""
     if not has_cuboids(run):
         return Samples((), (), {}), [(number, None) for number in range(params.shapes)]
-    generator, rng = read_generator(programs).generator, item_rng(params.seed, "cages")
-    samples = draw_cages(generator, rng, params.shapes, params.temperature)
+    rng = item_rng(params.seed, "cages")
+    samples = draw_cages(read_generator(programs), rng, params.shapes, params.temperature)
     return samples, list(zip(samples.numbers, samples.kept))
 
 

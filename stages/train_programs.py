@@ -13,10 +13,11 @@ from cagesdf.cage_generation.novelty import reach_of
 from cagesdf.cage_generation.programs import ProgramGenerator
 from cagesdf.cage_generation.proportions import ProportionGenerator, families
 from cagesdf.cage_generation.tokens import ProgramTokens, tokens_of
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.cage_generation.training import Settings, train_programs
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError, ProgramError, ShapeRejected
-from cagesdf.io.cage_generators import KIND, TrainedGenerator, write_generator
+from cagesdf.io.cage_generators import KIND, write_generator
 from cagesdf.io.cuboids import read_assemblies, read_cages
 from cagesdf.io.rejected import write_rejected
 from cagesdf.io.shapes import read_shapes

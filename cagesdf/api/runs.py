@@ -14,7 +14,8 @@ import torch
 from cagesdf.api.display import run_html
 from cagesdf.api.shapes import EditableShape, FittedShape
 from cagesdf.api.sources import Source, imported
-from cagesdf.cage_generation.generator import Generated, Generator
+from cagesdf.cage_generation.generator import Generated
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.demo import DEMO
 from cagesdf.editing.naming import KnownParts
 from cagesdf.editing.session import Session
@@ -24,8 +25,8 @@ from cagesdf.io.cage_generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
 from cagesdf.io.runs import beside, read_run
 from cagesdf.seeds import item_rng
+from cagesdf.shape_generation.cages import CageDraws
 from cagesdf.shape_generation.surfaces import (
-    CageDraws,
     CodeSource,
     Order,
     code_source,
@@ -168,13 +169,13 @@ class TrainedRun:
         return inference.Known.of(self.session.run, read_residuals(self.folder))
 
     @cached_property
-    def _generator(self) -> Generator:
+    def _generator(self) -> TrainedGenerator:
         folder = self._programs or beside(self.folder, "programs")
         if not (folder / GENERATOR).is_file():
             what = "programs" if self._programs else f"new cuboids for {self.folder} are looked for in {folder}"
             wanted = "a folder that train_programs wrote (dvc repro train_programs); or give a program"
             raise InputError(f"{what}: there is no {folder / GENERATOR}; wanted {wanted}")
-        return read_generator(folder).generator
+        return read_generator(folder)
 
     def _built(self, order: Order) -> EditableShape | None:
         if order.generated is None:

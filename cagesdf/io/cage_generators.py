@@ -9,7 +9,6 @@ log.jsonl             the course of the training; empty where nothing was traine
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,10 @@ from safetensors.torch import save
 
 from cagesdf.cage_generation.checks import Figures
 from cagesdf.cage_generation.generator import Generator
-from cagesdf.cage_generation.novelty import Known
 from cagesdf.cage_generation.program_vae import ProgramVAE
 from cagesdf.cage_generation.programs import ProgramGenerator
 from cagesdf.cage_generation.proportions import ProportionGenerator, families
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
 from cagesdf.io.metadata import Column, Layout, check_kind
@@ -55,19 +54,6 @@ KNOWN = Layout(
     ),
     {"frame": "canonical"},
 )
-
-
-@dataclass(frozen=True, eq=False)
-class TrainedGenerator:
-    """A generator and its training shapes."""
-
-    generator: Generator
-    structures: Mapping[str, Structure]  # by shape id
-    cages: Mapping[str, Cage]  # by shape id, canonical
-
-    def known(self) -> Known:
-        """The training shapes, which samples are compared with."""
-        return Known(self.structures, self.cages)
 
 
 def write_generator(

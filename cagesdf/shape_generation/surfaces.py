@@ -1,7 +1,7 @@
 """New surfaces from a trained network: cages, codes for them, surfaces, and whether they hold (§4.4)."""
 
 from abc import ABC, abstractmethod
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from numpy import ndarray
 from scipy.spatial.distance import cdist
 
 from cagesdf.cage_generation.cage_distance import cage_distances
-from cagesdf.cage_generation.generator import Generated, Generator, Samples
+from cagesdf.cage_generation.generator import Generated
 from cagesdf.cage_generation.latent_kde import IsotropicGaussian, LatentKde, effective_number, similarity_weights
 from cagesdf.cage_generation.novelty import reach_of, standing
 from cagesdf.cuboid import Cage
@@ -34,10 +34,7 @@ from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.executor import execute
 from cagesdf.structure.program import AssemblyProgram
 
-ROUNDS = 8  # draws for each cage that is wanted, at most
-BATCH = 256  # draws that are made at once, at most
 LIKE = 0.3  # two parts are alike whose boxes relative to their shapes' are at most this far apart (`relative_boxes`)
-FALLS = "falls over or apart"  # why a cage is discarded
 NO_CAGE = Cage.of({})
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -193,41 +190,6 @@ def code_source(run: Run, method: str, tau: float | None) -> CodeSource:
 def rest_cages(run: Run) -> list[Cage]:
     """The training shapes' cages, in the order of their ids."""
     return [run.sequences[name].cages[0] for name in sorted(run.sequences)]
-
-
-class CageDraws:
-    """Valid cages that stand, with the numbers of their draws, `count` of them; ROUNDS · `count` draws at most.
-
-    Iterated once: cages are drawn in batches as they are taken, so that none is held. Every draw is numbered and
-    counted, in `drawn` and by the reason of its failure in `failures`.
-    """
-
-    def __init__(self, generator: Generator, rng: np.random.Generator, count: int, temperature: float) -> None:
-        self.generator, self.rng, self.count, self.temperature = generator, rng, count, temperature
-        self.drawn = 0
-        self.failures: Counter[str] = Counter()
-
-    def __iter__(self) -> Iterator[tuple[int, Generated]]:
-        kept, most = 0, ROUNDS * self.count
-        while kept < self.count and self.drawn < most:
-            batch = min(BATCH, self.count - kept, most - self.drawn)
-            samples = self.generator.sample(self.rng, batch, self.temperature)
-            first, self.drawn = self.drawn, self.drawn + batch
-            self.failures.update(samples.failures)
-            for number, item in zip(samples.numbers, samples.kept):
-                if stable(item.cage):
-                    kept += 1
-                    yield first + number, item
-                else:
-                    self.failures[FALLS] += 1
-
-
-def draw_cages(generator: Generator, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-    """All of `CageDraws` at once."""
-    draws = CageDraws(generator, rng, count, temperature)
-    kept = list(draws)
-    failures = dict(sorted(draws.failures.items()))
-    return Samples(tuple(item for _, item in kept), tuple(number for number, _ in kept), failures)
 
 
 def of_program(program: AssemblyProgram, run: Run) -> Generated:

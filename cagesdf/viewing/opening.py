@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cagesdf.cage_generation.generator import Generator
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.editing.naming import KnownParts
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError, ShapeRejected
@@ -93,7 +93,7 @@ class Opened:
     session: Session
     styles: StyleSpace
     codes: Callable[[], CodeSource]  # the source of new styles; the first call takes seconds
-    generator: Generator | None
+    generator: TrainedGenerator | None
     truth: Truths
     importer: Importer
     known_parts: KnownParts  # after which parts of new programs are called
@@ -159,11 +159,11 @@ def _codes(run: Run) -> Callable[[], CodeSource]:
     return codes
 
 
-def _generator(run: Path, programs: Path | None) -> Generator | None:
+def _generator(run: Path, programs: Path | None) -> TrainedGenerator | None:
     folder = programs or beside(run, "programs")
     if programs is None and not (folder / GENERATOR).is_file():
         return None
-    return read_generator(folder).generator
+    return read_generator(folder)
 
 
 class _Truths:

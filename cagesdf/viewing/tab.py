@@ -30,7 +30,8 @@ from cagesdf.extraction import Extraction
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.parts.changing import Dissection
-from cagesdf.shape_generation.surfaces import draw_cages, of_program
+from cagesdf.shape_generation.cages import draw_cages
+from cagesdf.shape_generation.surfaces import of_program
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
 from cagesdf.viewing.angles import AXES, angles_of

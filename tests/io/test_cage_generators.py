@@ -13,8 +13,9 @@ from cagesdf.cage_generation.generator import Generator
 from cagesdf.cage_generation.program_vae import ProgramVAE
 from cagesdf.cage_generation.programs import ProgramGenerator
 from cagesdf.cage_generation.proportions import ProportionGenerator, families
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.errors import InputError
-from cagesdf.io.cage_generators import KNOWN, TrainedGenerator, read_generator, write_generator
+from cagesdf.io.cage_generators import KNOWN, read_generator, write_generator
 from pipeline import Params, artefact
 from tests.support.generators import jars, on_programs
 

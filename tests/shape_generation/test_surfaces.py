@@ -1,4 +1,4 @@
-"""Where codes of new shapes come from: each way draws what it says; and where their cages come from."""
+"""Where codes of new shapes come from: each method draws what it says; and their surfaces."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.special import softmax
 
 from cagesdf.cage_generation.cage_distance import cage_distances
-from cagesdf.cage_generation.generator import Generated, Generator, Samples, samples_of
+from cagesdf.cage_generation.generator import Generated
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.runs import Run
@@ -15,18 +15,13 @@ from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
 from cagesdf.shape_generation.static_stability import stable
 from cagesdf.shape_generation.surfaces import (
-    BATCH,
-    FALLS,
-    ROUNDS,
     ByPart,
-    CageDraws,
     Code,
     CodeSource,
     Dependent,
     Extracting,
     Order,
     code_source,
-    draw_cages,
     in_order,
     make_shape,
     methods_of,
@@ -220,63 +215,6 @@ def test_each_part_s_surface_is_that_of_its_own_code_in_the_whole_cage(run: Run)
     for number, part in enumerate(cage.part_ids):
         np.testing.assert_array_equal(shape.parts[part].vertices, wholes[number == 0][part].vertices)
     assert len(shape.parts[cage.part_ids[0]].vertices) != len(wholes[0][cage.part_ids[0]].vertices)
-
-
-class Leaning(Generator):
-    """Every second cage has its one leg beside its top's middle."""
-
-    def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-        cages = [Cage.of({"top": box(0, 0.5, 2, 0.1), "leg": box(x, 0, 0.2, 0.9)}) for x in (0.0, 0.9)]
-        structure = untrained().run.structures["a"]
-        return samples_of([Generated(structure, cages[i % 2]) for i in range(count)])
-
-
-def test_cages_that_would_fall_over_are_discarded_and_counted() -> None:
-    draws = CageDraws(Leaning(), np.random.default_rng(0), 5, 1.0)
-    kept = [*draws]
-    assert len(kept) == 5
-    assert all(stable(item.cage) for _, item in kept)
-    assert draws.failures == {FALLS: draws.drawn - 5}
-    assert [number for number, _ in kept] == sorted({number for number, _ in kept})
-
-    class Fallen(Leaning):
-        def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-            return samples_of([item for item in super().sample(rng, 2, temperature).kept[1:] for _ in range(count)])
-
-    nothing = CageDraws(Fallen(), np.random.default_rng(0), 5, 1.0)
-    assert [*nothing] == []
-    assert nothing.failures == {FALLS: 5 * ROUNDS}
-
-
-class Third(Generator):
-    """Every third draw is valid, by number; it is told how many are asked for at once."""
-
-    def __init__(self) -> None:
-        self.batches: list[int] = []
-        self.temperatures: set[float] = set()
-        known = untrained().run
-        self.kept = Generated(known.structures["a"], known.sequences["a"].cages[0])
-
-    def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
-        drawn = sum(self.batches)
-        self.batches.append(count)
-        self.temperatures.add(temperature)
-        return samples_of([self.kept if (drawn + i) % 3 == 0 else "bad luck" for i in range(count)])
-
-
-def test_cages_are_drawn_in_batches_as_they_are_taken_and_numbered_as_if_at_once() -> None:
-    generator = Third()
-    draws = CageDraws(generator, np.random.default_rng(0), 1000, 0.3)
-    taken = iter(draws)
-    assert [next(taken)[0] for _ in range(3)] == [0, 3, 6]
-    assert generator.batches == [BATCH], "no more than were taken"
-    assert [number for number, _ in taken] == list(range(9, 3000, 3))
-    assert max(generator.batches) == BATCH
-    assert generator.temperatures == {0.3}
-    assert draws.drawn == sum(generator.batches) == 1000 + draws.failures["bad luck"]
-    samples = draw_cages(Third(), np.random.default_rng(0), 1000, 1.0)
-    assert samples.numbers == tuple(range(0, 3000, 3))
-    assert samples.failures == dict(draws.failures)
 
 
 def test_shapes_are_made_a_few_ahead_of_those_taken_and_come_in_order() -> None:

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from cagesdf.cage_generation.generator import Generated, Generator, Samples, samples_of
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.errors import InputError
 from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.generated_shapes import read_generated
 from cagesdf.io.runs import read_run
+from cagesdf.shape_generation.cages import ROUNDS, draw_cages
 from cagesdf.shape_generation.static_stability import rooted, stable
-from cagesdf.shape_generation.surfaces import ROUNDS, draw_cages
 from pipeline import GenerateParams, load
 from pipeline.artefact import ArtefactError
 from stages.generate import main
@@ -149,7 +150,7 @@ class Seldom(Generator):
 
 
 def test_draws_go_on_until_there_are_enough_cages_and_all_of_them_are_counted() -> None:
-    samples = draw_cages(Seldom(), np.random.default_rng(0), 20, 1.0)
+    samples = draw_cages(TrainedGenerator(Seldom(), STRUCTURES, CAGES), np.random.default_rng(0), 20, 1.0)
     assert len(samples.kept) == 20
     drawn = 20 + samples.failures["bad luck"]
     assert list(samples.numbers) == sorted(set(samples.numbers))
@@ -161,5 +162,5 @@ def test_draws_end_where_nothing_is_valid() -> None:
         def sample(self, rng: np.random.Generator, count: int, temperature: float) -> Samples:
             return samples_of(["never"] * count)
 
-    samples = draw_cages(Never(), np.random.default_rng(0), 5, 1.0)
+    samples = draw_cages(TrainedGenerator(Never(), STRUCTURES, CAGES), np.random.default_rng(0), 5, 1.0)
     assert (samples.kept, samples.failures) == ((), {"never": 5 * ROUNDS})

@@ -4,9 +4,9 @@ import numpy as np
 
 from cagesdf.cage_generation.program_vae import ProgramVAE
 from cagesdf.cage_generation.programs import ProgramGenerator
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.frames import Similarity
-from cagesdf.io.cage_generators import TrainedGenerator
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from cagesdf.structure.relations import Reflection

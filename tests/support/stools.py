@@ -6,9 +6,10 @@ import numpy as np
 
 from cagesdf.cage_generation.novelty import reach_of
 from cagesdf.cage_generation.proportions import ProportionGenerator, families
+from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.frames import Similarity
-from cagesdf.io.cage_generators import TrainedGenerator, write_generator
+from cagesdf.io.cage_generators import write_generator
 from cagesdf.io.runs import Run, write_run
 from cagesdf.models.latents import LatentTable
 from cagesdf.structure.hierarchy import PartHierarchy
