@@ -24,8 +24,9 @@ from cagesdf.extraction import extract, field_of
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import as_manifold
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.run import Run
 from cagesdf.seeds import draw
 from cagesdf.training.precision import processor
 from pipeline import load

@@ -22,11 +22,11 @@ from cagesdf.cuboid import Sequence
 from cagesdf.inference.codes import OneShape, infer
 from cagesdf.inference.shapes import FitSettings, prepare, usual_settings
 from cagesdf.io.points import read_points
-from cagesdf.io.runs import Run
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.seeds import item_rng
 from cagesdf.synthesis.writing import read_recipes
 from cagesdf.training.batches import Batch, MemoryBatches, latent_keys, training_chunks, training_set

@@ -27,7 +27,8 @@ from cagesdf.extraction.part import part_of
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh, face_normals, sample_surface
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
+from cagesdf.run import Run
 from cagesdf.training.precision import processor
 
 CATEGORIES = ("chair", "table", "vase")
@@ -98,12 +99,12 @@ def fineness(runs: list[Path], shapes: int) -> None:
         fields = [rest_field(run, shape_id) for shape_id in drawn(run, shapes)]
         items = [(field, k) for field in fields for k in range(0, len(field.cage), 3)]
         finest = [
-            part_of(field, k, cell_of(512), Fineness(48, 0.0, 0.0, 0.0), METHODS["sparse"]).mesh for field, k in items
+            part_of(field, k, cell_of(512), Fineness(48, 1.0, 0.0, 0.0), METHODS["sparse"]).mesh for field, k in items
         ]
         for resolution, fineness in ((64, PREVIEW), (128, USUAL), (256, USUAL)):
             none, fine, coarse = (0.0, 0.0), (USUAL.sag, USUAL.even), (PREVIEW.sag, PREVIEW.even)
             for farthest, reduced in ((0.0, none), (usual, none), (usual, fine), (usual, coarse)):
-                marching.FARTHEST, each = farthest, Fineness(fineness.least, fineness.through, *reduced)
+                marching.FARTHEST, each = farthest, Fineness(fineness.least, fineness.finer, *reduced)
                 start = time.process_time()
                 parts = [part_of(*item, cell_of(resolution), each, METHODS["sparse"]) for item in items]
                 seconds = time.process_time() - start

@@ -28,7 +28,8 @@ from cagesdf.evaluation.shape_sets import feature_figures
 from cagesdf.frames import canonical_similarity
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import CUBE_FACES
-from cagesdf.io.features import FILE, Features, read_features
+from cagesdf.io.features import FILE, read_features
+from cagesdf.models.features import Features
 from cagesdf.synthesis.dataset import CATEGORIES, cage_of, draw, draw_recipes
 from cagesdf.synthesis.recipe import Recipe
 from cagesdf.training.features import classify

@@ -30,8 +30,9 @@ from cagesdf.importing import import_shape
 from cagesdf.inference import shapes as inference
 from cagesdf.inference.shapes import MEASURE, usual_settings
 from cagesdf.io.residuals import read_residuals
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import read_shapes
+from cagesdf.run import Run
 from cagesdf.training.precision import processor
 
 RESOLUTION = 128

@@ -38,10 +38,11 @@ from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.geometry.solid import union
 from cagesdf.importing import import_shape
 from cagesdf.io.rejected import write_rejected
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes, write_shapes
 from cagesdf.io.trials import read_trials
 from cagesdf.parts.slots import with_slots
+from cagesdf.run import Run
 from cagesdf.seeds import item_rng
 from cagesdf.shape import RawPart, RawShape, Shape
 from cagesdf.structure.hierarchy import PartHierarchy

@@ -20,6 +20,7 @@ import torch
 
 from cagesdf.extraction import LOOSE
 from cagesdf.io.cage_generators import read_generator
+from cagesdf.io.generated_shapes import index_row
 from cagesdf.io.runs import read_run
 from cagesdf.shape_generation.cages import draw_cages
 from cagesdf.shape_generation.surfaces import (
@@ -65,7 +66,7 @@ def rates(data: Path, category: str, arm: str, shapes: int, cells: int) -> list[
                         pool.map(partial(make_shape, run, how), map(partial(rng_of, turn, 2), range(len(todo))), todo)
                     )
                 spent.append((clock() - start) / len(made))
-        numbers = counts([shape.row() for shape in made])
+        numbers = counts([index_row(shape) for shape in made])
         faces = np.mean([len(shape.mesh.faces) for shape in made])
         one, two = (1 / median(spent) for spent in seconds.values())
         lines.append(

@@ -25,8 +25,9 @@ from cagesdf.evaluation.surfaces import Measured, Truth, directions
 from cagesdf.extraction import METHODS, extract, field_of
 from cagesdf.extraction.promises import count_pieces
 from cagesdf.geometry.meshes import sample_surface
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.run import Run
 from cagesdf.seeds import draw, item_rng
 from cagesdf.training.precision import processor
 from pipeline import load

@@ -23,8 +23,9 @@ from cagesdf.deformation.sequences import Trilinear
 from cagesdf.evaluation.reconstruction import score
 from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.run import Run
 from cagesdf.seeds import draw, item_rng
 from cagesdf.training.precision import processor
 from pipeline import load

@@ -18,8 +18,9 @@ from cagesdf.evaluation.trials import MIXES, Trial
 from cagesdf.extraction import LOOSE, CageField, LiveSurface, field_of
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.io.edits import read_edits, write_edit_surfaces, write_edits
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
 from cagesdf.io.trials import TrialFolder, read_trials
+from cagesdf.run import Run
 from cagesdf.seeds import item_rng
 from pipeline import EditsParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, trials

@@ -28,9 +28,10 @@ from cagesdf.evaluation.shape_sets import (
 )
 from cagesdf.evaluation.table3 import REAL
 from cagesdf.io.clouds import read_clouds
-from cagesdf.io.features import FILE, Features, read_accuracy, read_features
+from cagesdf.io.features import FILE, read_accuracy, read_features
 from cagesdf.io.generated_shapes import read_generated
 from cagesdf.io.generation_scores import write_generation
+from cagesdf.models.features import Features
 from cagesdf.seeds import item_rng
 from cagesdf.training.features import classify
 from pipeline import GenerationParams, artefact, parallel_map, run_stage

@@ -17,9 +17,10 @@ from cagesdf.evaluation.surfaces import Measured, Truth
 from cagesdf.extraction import extract_surface, field_of
 from cagesdf.io.points import CHUNK
 from cagesdf.io.progress import write_progress
-from cagesdf.io.runs import Run, read_run, read_snapshot, snapshots_of
+from cagesdf.io.runs import read_run, read_snapshot, snapshots_of
 from cagesdf.io.sequences import read_transfers
 from cagesdf.io.shapes import ShapeFolder, read_shapes
+from cagesdf.run import Run
 from cagesdf.seeds import draw, item_rng
 from pipeline import ProgressParams, artefact, parallel_map, run_stage
 from pipeline.cost import Cost, Counts, Sections

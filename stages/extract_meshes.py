@@ -12,7 +12,8 @@ import torch
 from cagesdf.errors import InputError
 from cagesdf.extraction import LOOSE, extract, field_of
 from cagesdf.io.meshes import Surface, write_surfaces
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
+from cagesdf.run import Run
 from cagesdf.seeds import draw
 from pipeline import ExtractParams, artefact, progress, run_stage
 from pipeline.cost import Cost, surfaces

@@ -15,11 +15,13 @@ from cagesdf.cage_generation.generator import Generated, Samples
 from cagesdf.errors import InputError
 from cagesdf.extraction import LOOSE
 from cagesdf.io.cage_generators import read_generator
-from cagesdf.io.generated_shapes import KIND, GeneratedShape, write_generated
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.generated_shapes import KIND, write_generated
+from cagesdf.io.runs import read_run
 from cagesdf.models.arms import decoder_class
+from cagesdf.run import Run
 from cagesdf.seeds import item_rng
 from cagesdf.shape_generation.cages import draw_cages
+from cagesdf.shape_generation.generated import GeneratedShape
 from cagesdf.shape_generation.surfaces import (
     STABILITIES,
     Extracting,

@@ -18,12 +18,13 @@ from cagesdf.errors import InputError
 from cagesdf.io.cuboids import read_assemblies
 from cagesdf.io.points import CHUNK
 from cagesdf.io.residuals import write_residuals
-from cagesdf.io.runs import Run, write_run, write_snapshot
+from cagesdf.io.runs import write_run, write_snapshot
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
 from cagesdf.training.checkpoint import Checkpoint, digest_of

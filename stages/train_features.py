@@ -17,7 +17,8 @@ from numpy import ndarray
 
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.evaluation.clouds import Clouds, cloud_of, label_of, recipe_parts
-from cagesdf.io.features import Features, read_features, write_features
+from cagesdf.io.features import read_features, write_features
+from cagesdf.models.features import Features
 from cagesdf.models.pointnet import make_classifier
 from cagesdf.seeds import item_rng
 from cagesdf.synthesis.dataset import CATEGORIES, draw_recipes

@@ -17,7 +17,7 @@ from cagesdf.io.files import check_folder, new_folder
 if TYPE_CHECKING:
     from cagesdf.api.runs import TrainedRun
     from cagesdf.cuboid import Cage
-    from cagesdf.io.generated_shapes import GeneratedShape
+    from cagesdf.shape_generation.generated import GeneratedShape
     from cagesdf.shape_generation.surfaces import Order
 
 POINTS = 2048  # samples of each surface
@@ -146,10 +146,12 @@ def _written(
 
     Only the first SHOWN shapes are held.
     """
+    from cagesdf.io.generated_shapes import index_row
+
     shown: list[GeneratedShape] = []
     with (folder / "index.jsonl").open("w", encoding="utf-8", newline="\n") as stream:
         for shape in shapes:
-            row = shape.row()
+            row = index_row(shape)
             entry = _entry(folder, shape, row, ending) | _health(shape, resolution)
             stream.write(json.dumps(entry, ensure_ascii=False) + "\n")
             warned += [shape.shape_id] if entry["warnings"] else []

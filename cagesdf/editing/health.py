@@ -12,12 +12,11 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.state import State
 from cagesdf.extraction import CUBE, USUAL, Fineness
 from cagesdf.extraction.promises import count_pieces
-from cagesdf.extraction.thinness import Profile, holding_lattice
+from cagesdf.extraction.thinness import HELD, Thickness
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh, is_closed
 from cagesdf.geometry.solid import thickness
 
-HELD = 2.0  # cells that a part must be thick
 FINEST = 512  # cells: no finer resolution is recommended
 STEP = 16  # cells, between recommended resolutions
 
@@ -58,13 +57,12 @@ class Health:
         names = part_names(state.structure)
         cuboids = {**CUBE.cuboids(), **state.cage.cuboids()}  # a decoder that knows no cuboids has one part, the cube
         torn = [part for part, mesh in surface.parts.items() if not len(mesh.faces) or count_pieces(mesh) > 1]
-        profiles = {part: Profile.of(mesh, cuboids[part]) for part, mesh in surface.parts.items() if len(mesh.faces)}
+        made = {part: Thickness(mesh, cuboids[part]) for part, mesh in surface.parts.items() if len(mesh.faces)}
 
         def through(part: str, count: int) -> float:
-            profile, cuboid = profiles[part], cuboids[part]
-            return profile.cells(holding_lattice(profile, cuboid, 2 * HALF_EXTENT / count, fineness))
+            return made[part].cells(made[part].holding_lattice(2 * HALF_EXTENT / count, fineness))
 
-        cells = {part: through(part, resolution) for part in profiles}
+        cells = {part: through(part, resolution) for part in made}
         expected, _ = connected_components(touching(state.cage), directed=False)
         closed = bool(len(surface.mesh.faces)) and is_closed(surface.mesh)
         called = tuple(names.get(part, part) for part in torn)

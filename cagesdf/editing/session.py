@@ -31,8 +31,8 @@ from cagesdf.frames import Similarity
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import CUBE_FACES
 from cagesdf.io.exports import Model
-from cagesdf.io.runs import Run
 from cagesdf.models.codes import part_codes
+from cagesdf.run import Run
 from cagesdf.structure.base import Structure
 
 

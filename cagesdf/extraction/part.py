@@ -11,7 +11,7 @@ from cagesdf.extraction.field import CageField
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import drawn, march
 from cagesdf.extraction.merging import merged
-from cagesdf.extraction.thinness import USUAL, Fineness, Profile, holding_lattice
+from cagesdf.extraction.thinness import USUAL, Fineness, Thickness
 from cagesdf.extraction.values import Method
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh, compact, face_components, face_normals
@@ -54,14 +54,12 @@ def part_of(field: CageField, cuboid: int, cell: float, fineness: Fineness, meth
     """The solid of a field in one of its cuboids, in cells of at most `cell`, canonical units.
 
     Cells are of the cuboid that the network is evaluated in. A part that turns out to be too thin for them is made
-    again in cells that hold it (`holding_lattice`).
+    again in cells that hold it (`Thickness`).
     """
     evaluated = field.evaluated[field.cage.part_ids[cuboid]]
     lattice = Lattice.of(evaluated, cell, fineness.least)
     part = _on_lattice(field, cuboid, lattice, cell, fineness, method)
-    holding = lattice
-    if fineness.through > 0:
-        holding = holding_lattice(Profile.of(part.mesh, evaluated), evaluated, cell, fineness)
+    holding = Thickness(part.mesh, evaluated).holding_lattice(cell, fineness)
     if (holding.cells > lattice.cells).any():
         lattice, first = holding, part
         part = _on_lattice(field, cuboid, lattice, cell, fineness, method)

@@ -54,7 +54,7 @@ def extract(
     """The zero surface of a field (§3.6): cuboid by cuboid, each cut by its faces, and united exactly; canonical frame.
 
     Cells are at most as long as `resolution` of them along [-HALF_EXTENT, HALF_EXTENT], and each cuboid has at least
-    `fineness.least` along each of its axes; thin parts have smaller ones (`holding_lattice`). `each` evaluates the
+    `fineness.least` along each of its axes; thin parts have smaller ones (`Thickness`). `each` evaluates the
     cuboids, in as many threads as the caller wants; the surface is the same. Raises InputError if the network gives
     values that are not finite, or for a `symmetry` that the cage hasn't; ValueError if the surface doesn't keep what is
     promised (see `check`).

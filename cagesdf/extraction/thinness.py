@@ -1,6 +1,7 @@
 """How many cells go through a part, and the lattice in which enough of them do."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -11,35 +12,38 @@ from cagesdf.extraction.lattice import Lattice
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh, face_normals, signed_volume
 
-FINER = 0.25  # of the cells that were asked for: smaller ones thin parts don't get
+HELD = 2.0  # cells that a part must be thick
 
 
 @dataclass(frozen=True)
 class Fineness:
-    """Least number of cells of a part, and how far its surface may move as its faces are reduced (see EASE)."""
+    """The cells of a part, and how far its surface may move as its faces are reduced (see EASE)."""
 
     least: int  # cells along each axis of its cuboid
-    through: float  # cells through its thickness, as far as FINER allows
+    finer: float  # the smallest cells that a part gets so that it is HELD thick, of those asked for; 1: no smaller ones
     sag: float  # of chords between the vertices that `merged` leaves, in steps
     even: float  # largest movement as the closed part is simplified after that, in the shortest steps
 
 
-USUAL = Fineness(16, 2.0, 0.028, 0.05)
-PREVIEW = Fineness(12, 0.0, 0.06, 0.2)  # for surfaces that must appear at once
+USUAL = Fineness(16, 0.25, 0.028, 0.05)
+PREVIEW = Fineness(12, 1.0, 0.06, 0.2)  # for surfaces that must appear at once
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
-    """All that the thickness of a part follows from, in whichever cells it is made."""
+class Thickness:
+    """The thickness of a closed part, in whichever cells it is made."""
 
-    volume: float  # canonical
-    areas: Float[ndarray, "f 3"]  # of its faces, across each of the cuboid's axes; canonical
+    mesh: Mesh  # canonical, closed
+    cuboid: Cuboid
 
-    @staticmethod
-    def of(mesh: Mesh, cuboid: Cuboid) -> "Profile":
-        """The profile of a closed part, canonical."""
-        volume = abs(signed_volume(mesh)) if len(mesh.faces) else 0.0
-        return Profile(volume, np.abs(face_normals(mesh) @ cuboid.axes.T) / 2)
+    @cached_property
+    def _volume(self) -> float:
+        return abs(signed_volume(self.mesh)) if len(self.mesh.faces) else 0.0
+
+    @cached_property
+    def _areas(self) -> Float[ndarray, "f 3"]:
+        """Of the faces, across each of the cuboid's axes; canonical."""
+        return np.abs(face_normals(self.mesh) @ self.cuboid.axes.T) / 2
 
     def cells(self, lattice: Lattice) -> float:
         """The thickness in the cells of its cuboid's lattice, 0 where nothing has a surface.
@@ -47,20 +51,20 @@ class Profile:
         It is `solid.thickness` of the mesh with these cells as units, that of a sheet and half of a rod's: a face's
         area across an axis is then smaller by the other two axes' steps.
         """
-        area = float(np.linalg.norm(self.areas * lattice.steps, axis=1).sum())
-        return 2 * self.volume / max(area, 1e-300)
+        area = float(np.linalg.norm(self._areas * lattice.steps, axis=1).sum())
+        return 2 * self._volume / max(area, 1e-300)
 
+    def holding_lattice(self, cell: float, fineness: Fineness) -> Lattice:
+        """The lattice that holds the part: HELD cells go through it, each at most `cell`, canonical units.
 
-def holding_lattice(profile: Profile, cuboid: Cuboid, cell: float, fineness: Fineness) -> Lattice:
-    """The lattice that holds a part: `fineness.through` cells go through it, each at most `cell`, canonical units.
-
-    A sheet that is bent through a deep cuboid falls between the points of a lattice that does for a thick part. No cell
-    is smaller than FINER of `cell`, and none so small that the part would have more than the whole has in cells of
-    `cell` along [-HALF_EXTENT, HALF_EXTENT].
-    """
-    size, lattice = cell, Lattice.of(cuboid, cell, fineness.least)
-    smallest = min(max(FINER, float(np.cbrt(cuboid.size.prod())) / (2 * HALF_EXTENT)), 1.0) * cell
-    while (cells := profile.cells(lattice)) < fineness.through and size > smallest:
-        size = max(min(size, float(lattice.steps.max())) * min(cells / fineness.through, 0.98), smallest)
-        lattice = Lattice.of(cuboid, size, fineness.least)
-    return lattice
+        A sheet that is bent through a deep cuboid falls between the points of a lattice that does for a thick part. No
+        cell is smaller than `fineness.finer` of `cell`, and none so small that the part would have more than the whole
+        has in cells of `cell` along [-HALF_EXTENT, HALF_EXTENT].
+        """
+        size, lattice = cell, Lattice.of(self.cuboid, cell, fineness.least)
+        share = float(np.cbrt(self.cuboid.size.prod())) / (2 * HALF_EXTENT)
+        smallest = min(max(fineness.finer, share), 1.0) * cell
+        while size > smallest and (cells := self.cells(lattice)) < HELD:
+            size = max(min(size, float(lattice.steps.max())) * min(cells / HELD, 0.98), smallest)
+            lattice = Lattice.of(self.cuboid, size, fineness.least)
+        return lattice

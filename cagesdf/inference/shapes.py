@@ -22,9 +22,9 @@ from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import union
 from cagesdf.inference.codes import InferenceSettings, Inferred, infer
-from cagesdf.io.runs import Run
 from cagesdf.models.codes import part_codes
 from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.run import Run
 from cagesdf.sampling.chunks import PointCounts, part_chunks, shape_chunks
 from cagesdf.shape import Shape
 from cagesdf.training.batches import Batch, training_chunks, training_set

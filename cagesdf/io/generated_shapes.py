@@ -6,7 +6,6 @@ points.parquet    points on its surface, for sets to be compared; none where the
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,11 @@ from cagesdf.cuboid import Cage
 from cagesdf.errors import InputError
 from cagesdf.geometry.meshes import Mesh, is_closed
 from cagesdf.io.metadata import COMPRESSION, Column, Layout, read_block
+from cagesdf.shape_generation.generated import BROKEN, EMPTY, OK, GeneratedShape
 from cagesdf.structure.base import Structure
 from cagesdf.structure.stored import read_structure
 
 KIND = "generated"
-OK, EMPTY, BROKEN = "ok", "empty", "broken"
 KEYS = (
     Column("method", pa.string(), "how its code was drawn: independent, dependent, by_part or isotropic"),
     Column("shape_id", pa.string(), "unique in its method; methods of an arm share the cages of equal ids"),
@@ -75,55 +74,31 @@ POINTS = Layout(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class GeneratedShape:
-    """A shape made by a generator."""
-
-    method: str  # how its code was drawn
-    shape_id: str  # unique in its method
-    seed: int
-    draw: int  # number of its cage's draw
-    structure: Structure | None  # canonical; None where the arm knows no cuboids
-    cage: Cage  # canonical; no cuboids where the arm knows none
-    floating: int  # cuboids that were drawn attached to nothing, and left out
-    latent: Float32[ndarray, " d"]
-    part_latents: Mapping[str, Float32[ndarray, " d"]]  # by id, of the parts that have another one
-    effective: float  # number of kernels that its code could be from
-    status: str  # OK, EMPTY, or BROKEN and why
-    mesh: Mesh  # canonical; closed, or without faces
-    components: int  # connected components
-    clipped: float  # share of the vertices where the cage cut the network's surface off
-    evaluations: int  # points at which the network was evaluated
-    rooted: bool  # as `static_stability` has it; False without cuboids
-    stable: bool
-    points: Float32[ndarray, "n 3"]  # on the surface, canonical; none where there is no surface
-    parts: Mapping[str, Mesh]  # closed, whose union the mesh is; not written
-
-    def row(self) -> dict[str, Any]:
-        """The shape's row of the index."""
-        return {
-            "method": self.method,
-            "shape_id": self.shape_id,
-            "seed": self.seed,
-            "draw": self.draw,
-            "structure": self.structure.to_json() if self.structure is not None else "",
-            "part_ids": list(self.cage.part_ids),
-            "cuboids": self.cage.vectors().ravel(),
-            "floating": self.floating,
-            "latent": self.latent,
-            "other_parts": [*self.part_latents],
-            "other_latents": [number for latent in self.part_latents.values() for number in latent.tolist()],
-            "effective": self.effective,
-            "status": self.status,
-            "vertices": len(self.mesh.vertices),
-            "faces": len(self.mesh.faces),
-            "closed": is_closed(self.mesh),
-            "components": self.components,
-            "clipped": self.clipped,
-            "evaluations": self.evaluations,
-            "rooted": self.rooted,
-            "stable": self.stable,
-        }
+def index_row(shape: GeneratedShape) -> dict[str, Any]:
+    """A shape's row of the index."""
+    return {
+        "method": shape.method,
+        "shape_id": shape.shape_id,
+        "seed": shape.seed,
+        "draw": shape.draw,
+        "structure": shape.structure.to_json() if shape.structure is not None else "",
+        "part_ids": list(shape.cage.part_ids),
+        "cuboids": shape.cage.vectors().ravel(),
+        "floating": shape.floating,
+        "latent": shape.latent,
+        "other_parts": [*shape.part_latents],
+        "other_latents": [number for latent in shape.part_latents.values() for number in latent.tolist()],
+        "effective": shape.effective,
+        "status": shape.status,
+        "vertices": len(shape.mesh.vertices),
+        "faces": len(shape.mesh.faces),
+        "closed": is_closed(shape.mesh),
+        "components": shape.components,
+        "clipped": shape.clipped,
+        "evaluations": shape.evaluations,
+        "rooted": shape.rooted,
+        "stable": shape.stable,
+    }
 
 
 def write_generated(folder: Path, shapes: Iterable[GeneratedShape], about: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -138,7 +113,7 @@ def write_generated(folder: Path, shapes: Iterable[GeneratedShape], about: Mappi
             vertices = shape.mesh.vertices.astype(np.float32).ravel()
             surfaces.write_table(SURFACES.table([{**key, "vertices": vertices, "faces": shape.mesh.faces.ravel()}]))
             points.write_table(POINTS.table([{**key, "points": shape.points.ravel()}]))
-            rows.append(shape.row())
+            rows.append(index_row(shape))
     INDEX.write(folder / "index.parquet", rows, about=dict(about))
     return rows
 

@@ -13,14 +13,13 @@ snapshots/            <steps>.safetensors: weights and latents after that number
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import torch
-from jaxtyping import Float
 from safetensors.torch import save
 from torch import Tensor
 
@@ -43,7 +42,7 @@ from cagesdf.io.weights import (
 from cagesdf.models.arms import DECODERS, make_decoder, sizes_of_decoder
 from cagesdf.models.decoders import CUBOID, Decoder
 from cagesdf.models.latents import SHARED, LatentTable
-from cagesdf.structure.base import Structure
+from cagesdf.run import Run
 from cagesdf.structure.stored import read_structure
 
 KIND = "run"
@@ -83,27 +82,6 @@ RUN_SHAPES = Layout(
     ),
     {"frame": "canonical"},
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A trained arm and the shapes it was trained on."""
-
-    decoder: Decoder  # in eval mode, its parameters without gradients
-    latents: LatentTable
-    sequences: Mapping[str, Sequence]  # by shape id, held-out steps too
-    structures: Mapping[str, Structure]  # by shape id
-    similarities: Mapping[str, Similarity]  # by shape id, raw → canonical
-    params: Mapping[str, Any]  # the arm's section of params.yaml
-    points: Mapping[str, int]  # how many points were "sampled", and "used" (by decoder, reach, steps_of)
-
-    def latent(self, shape_id: str, step: int) -> Float[Tensor, " d"]:
-        """The latent of one step of one shape. Raises InputError if it has none."""
-        return self.latents.values[self.latents.row(shape_id, step)].detach()
-
-    def steps(self, shape_id: str) -> tuple[int, ...]:
-        """The steps of a shape that have a latent: all, or those trained on where each has its own."""
-        return tuple(s for s in range(len(self.sequences[shape_id].cages)) if self.latents.has(shape_id, s))
 
 
 def write_run(folder: Path, run: Run, log: list[dict[str, int | float]]) -> None:

@@ -25,9 +25,9 @@ from cagesdf.extraction import Extraction, extract, field_of
 from cagesdf.extraction.field import CageField
 from cagesdf.extraction.surface import Loose
 from cagesdf.geometry.meshes import sample_surface
-from cagesdf.io.generated_shapes import BROKEN, EMPTY, OK, GeneratedShape
-from cagesdf.io.runs import Run
 from cagesdf.models.codes import part_codes
+from cagesdf.run import Run
+from cagesdf.shape_generation.generated import BROKEN, EMPTY, OK, GeneratedShape
 from cagesdf.shape_generation.simulated_stability import stays_standing
 from cagesdf.shape_generation.static_stability import rooted, stable
 from cagesdf.structure.assembly import Assembly

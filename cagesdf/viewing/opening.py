@@ -20,9 +20,10 @@ from cagesdf.importing import import_shape
 from cagesdf.inference.shapes import FitSettings, Known, fit_code, prepare
 from cagesdf.io.cage_generators import GENERATOR, read_generator
 from cagesdf.io.residuals import read_residuals
-from cagesdf.io.runs import Run, beside, read_run
+from cagesdf.io.runs import beside, read_run
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.parts.changing import Dissection
+from cagesdf.run import Run
 from cagesdf.shape import RawShape
 from cagesdf.shape_generation.surfaces import CodeSource, code_source, has_cuboids, usual_method
 from cagesdf.viewing import files

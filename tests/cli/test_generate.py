@@ -14,9 +14,10 @@ from cagesdf import rendering
 from cagesdf.cli import generating
 from cagesdf.geometry.meshes import Mesh, is_closed
 from cagesdf.geometry.solid import CUBE_FACES, cage_surface
-from cagesdf.io.generated_shapes import GeneratedShape
 from cagesdf.io.meshes import read_ply
-from cagesdf.io.runs import Run, read_run
+from cagesdf.io.runs import read_run
+from cagesdf.run import Run
+from cagesdf.shape_generation.generated import GeneratedShape
 from cagesdf.shape_generation.surfaces import Order
 from cagesdf.structure.executor import execute
 from cagesdf.structure.hierarchy import PartHierarchy

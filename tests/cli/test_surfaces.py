@@ -16,8 +16,9 @@ from cagesdf.formats.obj import read_obj_groups
 from cagesdf.frames import UP_AXES, Similarity
 from cagesdf.geometry.meshes import is_closed, signed_volume
 from cagesdf.io.meshes import read_ply
-from cagesdf.io.runs import Run, read_run, write_run
+from cagesdf.io.runs import read_run, write_run
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.structure.assembly import Assembly
 from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import artefact

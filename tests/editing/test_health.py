@@ -13,13 +13,12 @@ from cagesdf.editing.health import FINEST, HELD, STEP, Health
 from cagesdf.editing.state import State
 from cagesdf.extraction import USUAL, Extraction
 from cagesdf.extraction.lattice import Lattice
-from cagesdf.extraction.thinness import FINER
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.meshes import Mesh, join
 from cagesdf.geometry.solid import cage_surface, thickness, union
 from tests.support.attached import box, state_of
 
-EVEN = replace(USUAL, through=0.0)  # cells that are the same whatever they hold
+EVEN = replace(USUAL, finer=1.0)  # cells that are the same whatever they hold
 
 
 def found(parts: dict[str, Mesh]) -> Extraction:
@@ -72,7 +71,7 @@ def test_a_board_that_is_too_thin_is_said_to_be_so_only_where_no_cells_hold_it(
     assert held.cells >= even.cells
     if even.cells >= HELD:
         assert (held.cells, held.warnings()) == (even.cells, ())
-    elif thickness > 1.2 * HELD * max(FINER * 2 * HALF_EXTENT, np.cbrt(0.6 * 0.5 * 0.6)) / resolution:
+    elif thickness > 1.2 * HELD * max(USUAL.finer * 2 * HALF_EXTENT, np.cbrt(0.6 * 0.5 * 0.6)) / resolution:
         assert HELD <= held.cells < 1.2 * HELD
         assert held.warnings() == ()
     else:

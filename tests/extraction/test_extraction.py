@@ -30,7 +30,7 @@ from cagesdf.extraction import (
 from cagesdf.extraction.lattice import Lattice
 from cagesdf.extraction.marching import Marched, drawn, march
 from cagesdf.extraction.merging import merged
-from cagesdf.extraction.thinness import FINER, Profile, holding_lattice
+from cagesdf.extraction.thinness import HELD, Thickness
 from cagesdf.extraction.values import dense_values
 from cagesdf.frames import HALF_EXTENT
 from cagesdf.geometry.distance import SurfaceDistance
@@ -342,7 +342,7 @@ def test_any_field_gives_closed_manifold_outward_surfaces_within_the_cuboids(
     """Of each part, before and after its faces are made fewer, and of all; `extract` checks only the last."""
     cage = random_cage(seed, 3)
     decoder = waves(seed, 100 * scale) if smooth else noise(scale)
-    extraction = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 2.0, 0.028, 0.05))
+    extraction = extract(field_of(decoder, LATENT, cage), 20, fineness=Fineness(6, 0.25, 0.028, 0.05))
     for part_id, mesh in extraction.parts.items():
         if len(mesh.faces):
             assert_sound(mesh)
@@ -500,7 +500,7 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
     bumpy = Local(lambda p: np.linalg.norm(p, axis=1) - 0.2 + 0.03 * np.sin(25 * p[:, 0]) * np.cos(19 * p[:, 2]))
     cage = random_cage(seed, 4)
     cage = replace(cage, size=cage.size.clip(0.3))
-    live = LiveSurface(24, fineness=Fineness(6, 2.0, 0.028, 0.05))
+    live = LiveSurface(24, fineness=Fineness(6, 0.25, 0.028, 0.05))
     live.surface(field_of(bumpy, LATENT, cage))
     for edit in range(6):
         centre, axes, size = cage.centre.copy(), cage.axes.copy(), cage.size.copy()
@@ -510,7 +510,7 @@ def test_parts_that_are_moved_and_turned_ask_nothing_and_are_those_of_starting_a
         size[k] *= rng.uniform(0.8, 1.2, 3) if edit == 5 else 1
         cage = replace(cage, centre=centre, axes=axes, size=size)
         field = field_of(bumpy, LATENT, cage)
-        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 2.0, 0.028, 0.05))
+        once, anew = live.surface(field), extract(field, 24, fineness=Fineness(6, 0.25, 0.028, 0.05))
         assert_same(once.mesh, anew.mesh)
         for part in cage.part_ids:
             assert_same(once.parts[part], anew.parts[part])
@@ -562,10 +562,10 @@ def test_unions_that_were_kept_change_nothing(seed: int) -> None:
     """Bit for bit, over edits of one of seven parts after another, some of them empty."""
     rng = np.random.default_rng(seed)
     decoder, cage = waves(seed, 1.0), random_cage(seed, 7)
-    live = LiveSurface(20, fineness=Fineness(6, 2.0, 0.028, 0.05))
+    live = LiveSurface(20, fineness=Fineness(6, 0.25, 0.028, 0.05))
     for _ in range(4):
         field = field_of(decoder, LATENT, cage)
-        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 2.0, 0.028, 0.05)).mesh)
+        assert_same(live.surface(field).mesh, extract(field, 20, fineness=Fineness(6, 0.25, 0.028, 0.05)).mesh)
         centre = cage.centre.copy()
         centre[rng.integers(7)] += rng.normal(size=3) * 0.2
         cage = replace(cage, centre=centre)
@@ -702,7 +702,7 @@ def test_a_sheet_that_is_bent_through_a_deep_cuboid_is_whole_in_cells_that_its_t
         return np.maximum(shell, np.abs(points[:, 2]) - 0.3)
 
     field = field_of(Analytic(sheet), LATENT, Cage.of({"all": box([0, 0, 0], [0.8, 0.8, 0.7])}))
-    held, torn = (extract(field, 128, fineness=fineness) for fineness in (USUAL, replace(USUAL, through=0.0)))
+    held, torn = (extract(field, 128, fineness=fineness) for fineness in (USUAL, replace(USUAL, finer=1.0)))
     assert topology(held.mesh) == (1, 0)
     assert (topology(torn.mesh) == (1, 0)) == (thick == 0.04)
     assert signed_volume(held.mesh) == pytest.approx(0.7 * np.pi / 2 * thick * 0.6, rel=0.1)
@@ -713,7 +713,7 @@ def test_a_sheet_that_is_bent_through_a_deep_cuboid_is_whole_in_cells_that_its_t
 def test_a_plate_and_a_rod_along_their_cuboids_are_made_once(size: list[float]) -> None:
     half = 0.48 * np.array(size)
     field = field_of(Local(lambda p: (np.abs(p) - half).max(axis=1)), LATENT, Cage.of({"a": box([0, 0, 0], size)}))
-    once = extract(field, 128, fineness=replace(USUAL, through=0.0))
+    once = extract(field, 128, fineness=replace(USUAL, finer=1.0))
     assert extract(field, 128).evaluations == once.evaluations
 
 
@@ -721,13 +721,13 @@ def test_a_plate_and_a_rod_along_their_cuboids_are_made_once(size: list[float]) 
 def test_cells_that_hold_a_part_are_small_enough_but_no_smaller_than_allowed(thick: float) -> None:
     cuboid, cell = box([0.1, 0, 0], [0.8, 0.8, 0.7], rotation(3)), 2 * HALF_EXTENT / 128
     board = Cage.of({"a": Cuboid(cuboid.centre, rotation(8), np.array([0.4, thick, 0.4]))})
-    profile = Profile.of(Mesh(board.corners()[0], CUBE_FACES), cuboid)
-    usual, lattice = Lattice.of(cuboid, cell, USUAL.least), holding_lattice(profile, cuboid, cell, USUAL)
+    thickness = Thickness(Mesh(board.corners()[0], CUBE_FACES), cuboid)
+    usual, lattice = Lattice.of(cuboid, cell, USUAL.least), thickness.holding_lattice(cell, USUAL)
     assert (lattice.cells >= usual.cells).all()
     assert (lattice.cells - 1).prod() < 128**3
-    assert lattice.steps.min() >= usual.steps.min() * FINER * 0.99
+    assert lattice.steps.min() >= usual.steps.min() * USUAL.finer * 0.99
     if thick == 0.02:
-        assert USUAL.through <= profile.cells(lattice) < 1.3 * USUAL.through
+        assert HELD <= thickness.cells(lattice) < 1.3 * HELD
     assert (lattice.cells == usual.cells).all() == (thick == 0.5)
 
 

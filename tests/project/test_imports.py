@@ -27,15 +27,17 @@ ALLOWED = {
     "deformation": RECORDS,
     "sampling": RECORDS | {"deformation", "io"},
     "models": {"errors", "frames", "cuboid"},
+    "run": RECORDS | {"models"},
     "cage_generation": RECORDS | {"deformation"},
-    "shape_generation": RECORDS | {"deformation", "cage_generation", "models", "io", "extraction"},
-    "io": RECORDS | {"cage_fitting", "deformation", "models", "evaluation", "cage_generation"},
+    "shape_generation": RECORDS | {"deformation", "cage_generation", "models", "run", "extraction"},
+    "io": RECORDS
+    | {"cage_fitting", "deformation", "models", "run", "evaluation", "cage_generation", "shape_generation"},
     "training": RECORDS | {"models", "io"},
     "extraction": RECORDS | {"models"},
-    "editing": RECORDS | {"deformation", "models", "io", "extraction"},
+    "editing": RECORDS | {"deformation", "models", "run", "io", "extraction"},
     "evaluation": RECORDS | {"deformation", "synthesis"},
     "inference": RECORDS
-    | {"cage_fitting", "deformation", "sampling", "io", "models", "training", "extraction", "evaluation"},
+    | {"cage_fitting", "deformation", "sampling", "io", "models", "run", "training", "extraction", "evaluation"},
     "rendering": RECORDS,
     "demo": set(),
     "api": RECORDS
@@ -43,7 +45,7 @@ ALLOWED = {
     | {"formats", "importing", "io", "rendering", "demo"},
     "viewing": RECORDS
     | {"editing", "cage_generation", "shape_generation", "inference", "formats", "parts", "importing"}
-    | {"io", "extraction", "rendering"},
+    | {"run", "io", "extraction", "rendering"},
     "report": RECORDS | {"rendering", "evaluation", "deformation", "io"},
 }
 # Inside geometry/: a file, and those of the others that it may import.
@@ -61,6 +63,7 @@ TORCH = {
     "extraction",
     "api",
     "inference",
+    "run.py",
     "shape_generation/surfaces.py",
     "cage_generation/batching.py",
     "cage_generation/program_vae.py",

@@ -10,9 +10,9 @@ from cagesdf.cage_generation.cage_distance import cage_distances
 from cagesdf.cage_generation.generator import Generated
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.extraction import LOOSE, extract, field_of
-from cagesdf.io.runs import Run
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.shape_generation.static_stability import stable
 from cagesdf.shape_generation.surfaces import (
     ByPart,

@@ -16,12 +16,13 @@ from cagesdf.evaluation.trials import MIXES, STYLED
 from cagesdf.geometry.meshes import is_closed
 from cagesdf.importing import import_shape
 from cagesdf.io.edits import read_edit_surface, read_edits
-from cagesdf.io.runs import Run, write_run
+from cagesdf.io.runs import write_run
 from cagesdf.io.sequences import write_sequences
 from cagesdf.io.shapes import write_shapes
 from cagesdf.io.trials import read_trials
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.run import Run
 from cagesdf.shape import RawShape, Shape
 from cagesdf.structure.hierarchy import PartHierarchy
 from cagesdf.synthesis.dataset import build, cage_of, draw, draw_recipes

@@ -15,11 +15,12 @@ from cagesdf.evaluation.tables import gather_tables
 from cagesdf.geometry.meshes import is_closed
 from cagesdf.io.meshes import read_surfaces
 from cagesdf.io.progress import read_progress
-from cagesdf.io.runs import Run, write_run, write_snapshot
+from cagesdf.io.runs import write_run, write_snapshot
 from cagesdf.io.scores import read_scores
 from cagesdf.io.sequences import write_sequences
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.run import Run
 from cagesdf.shape import Shape
 from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import EvaluateParams, ExtractParams, Params, ProgressParams, artefact

@@ -14,11 +14,13 @@ from cagesdf.evaluation.shape_sets import Described, drawn
 from cagesdf.evaluation.table3 import REAL, gather_generation
 from cagesdf.geometry.meshes import Mesh, sample_surface
 from cagesdf.io.clouds import write_clouds
-from cagesdf.io.features import Features, write_features
-from cagesdf.io.generated_shapes import POINTS, GeneratedShape, read_generated, write_generated
+from cagesdf.io.features import write_features
+from cagesdf.io.generated_shapes import POINTS, read_generated, write_generated
 from cagesdf.io.generation_scores import read_generation, read_nearest
+from cagesdf.models.features import Features
 from cagesdf.models.pointnet import make_classifier
 from cagesdf.report import table3
+from cagesdf.shape_generation.generated import GeneratedShape
 from pipeline import GenerationParams, Params, artefact
 from pipeline.artefact import ArtefactError
 from stages import evaluate_generation

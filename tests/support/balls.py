@@ -13,9 +13,9 @@ from cagesdf.frames import Similarity
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.inference import shapes as inference
 from cagesdf.io.residuals import write_residuals
-from cagesdf.io.runs import Run
 from cagesdf.models.decoders import Decoder, TrainsOn
 from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.run import Run
 from cagesdf.structure.hierarchy import PartHierarchy
 from tests.support import toy
 

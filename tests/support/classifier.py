@@ -1,6 +1,6 @@
 """A small classifier that was never trained."""
 
-from cagesdf.io.features import Features
+from cagesdf.models.features import Features
 from cagesdf.models.pointnet import make_classifier
 
 

@@ -8,10 +8,11 @@ import torch
 
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.frames import UP_AXES, Similarity
-from cagesdf.io.runs import Run, write_run
+from cagesdf.io.runs import write_run
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.decoders import Decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import Params, artefact
 from tests.support.untrained import untrained

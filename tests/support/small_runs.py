@@ -4,9 +4,9 @@ from typing import Any
 
 import torch
 
-from cagesdf.io.runs import Run
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import SHARED, LatentTable
+from cagesdf.run import Run
 from tests.support import spheres
 
 PARAMS: dict[str, Any] = {

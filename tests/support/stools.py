@@ -10,8 +10,9 @@ from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.frames import Similarity
 from cagesdf.io.cage_generators import write_generator
-from cagesdf.io.runs import Run, write_run
+from cagesdf.io.runs import write_run
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.structure.hierarchy import PartHierarchy
 from pipeline import artefact
 from tests.support import constant_runs

@@ -10,9 +10,9 @@ from cagesdf.cuboid import Cage
 from cagesdf.frames import canonical_similarity
 from cagesdf.geometry.meshes import Mesh, signed_volume
 from cagesdf.geometry.solid import from_manifold
-from cagesdf.io.generated_shapes import GeneratedShape
 from cagesdf.io.shapes import write_shapes
 from cagesdf.shape import Part, Repair, Shape
+from cagesdf.shape_generation.generated import GeneratedShape
 from cagesdf.structure.hierarchy import Node, PartHierarchy
 from pipeline import Params, artefact
 

@@ -8,9 +8,9 @@ import torch
 from cagesdf.cuboid import Sequence
 from cagesdf.editing.session import Session
 from cagesdf.frames import UP_AXES, Similarity
-from cagesdf.io.runs import Run
 from cagesdf.models.arms import make_decoder
 from cagesdf.models.latents import LatentTable
+from cagesdf.run import Run
 from cagesdf.structure.assembly import Assembly
 from tests.support import programs
 
