@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from cagesdf.cuboid import Cage
 from cagesdf.deformation.likeness import relative_boxes
 
-USUAL = 0.95  # share of the known shapes that would be familiar, were they not known
+USUAL = 0.9  # share of the known shapes that would be familiar, were they not known
 LEAST = 0.1  # distance of `relative_boxes` at which parts are alike in any case
 
 
