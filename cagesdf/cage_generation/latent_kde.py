@@ -11,7 +11,7 @@ from scipy.special import logsumexp, softmax
 # Temperatures of the weights that are tried, the least dependent first; of equal ones the first is taken.
 TAUS = np.geomspace(10, 1e-3, 41)
 # Kernels over Silverman's width, which in 32 dimensions leaves codes as far from every training code as those are from
-# each other: networks tear there, and feature distances are no better. At a quarter one part in some dozens still fails.
+# each other: networks tear there, and feature distances are no better. At a quarter single parts still fail.
 NARROW = 0.125
 
 

@@ -29,7 +29,7 @@ def test_the_density_of_one_dimension_is_scipys_with_a_share_of_silvermans_rule(
 def test_the_density_integrates_to_one_whatever_the_weights() -> None:
     kde = LatentKde.fit(codes(n=8, d=2))
     weights = np.random.default_rng(1).dirichlet(np.ones(8))
-    x, y = np.linspace(-5, 15, 300), np.linspace(-1.5, 1.5, 300)
+    x, y = np.linspace(-5, 15, 900), np.linspace(-1.5, 1.5, 900)
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     density = np.exp(kde.log_density(places, np.tile(weights, (len(places), 1))))
     assert density.sum() * (x[1] - x[0]) * (y[1] - y[0]) == pytest.approx(1, abs=1e-3)
