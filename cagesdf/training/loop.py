@@ -22,6 +22,7 @@ from cagesdf.training.precision import Precision
 Learnt = list[tuple[str, nn.Parameter]]  # trained parameters, by name
 
 DIVERGED = 10  # times the loss of the log's first row; learning only lowers it
+SPIKE = 4.0  # times the usual norm of a gradient: a larger one is scaled down to it
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ def train(
             _add_ranks(learnt, l1, ranks)
             penalty = settings.latent_weight * latent_penalty(latents.values)
             penalty.backward()  # after the sum over ranks: each would add it
+            flatten_spike(optimiser)
             optimiser.step()
             sums += torch.stack([l1 + penalty.detach(), l1])
             done = step + 1
@@ -115,6 +117,25 @@ def _add_ranks(learnt: Learnt, l1: Tensor, ranks: Ranks) -> None:
                 parameter.grad = torch.zeros_like(parameter)
             gradients.append(parameter.grad)
         ranks.all_reduce([*gradients, l1])
+
+
+def flatten_spike(optimiser: torch.optim.Adam) -> None:
+    """Scale down a gradient whose norm, over all parameters, is more than SPIKE times the usual one.
+
+    The usual norm follows from Adam's second moments. One batch can have a thousand times it, by a part that is next to
+    nothing thick; Adam would take the decoder's weights out of all that it has learnt, at once.
+    """
+    parameters = [p for group in optimiser.param_groups for p in group["params"] if p.grad is not None]
+    states = [optimiser.state[parameter] for parameter in parameters]
+    if not all(states):  # a parameter's first gradient
+        return
+    _, decay = optimiser.param_groups[0]["betas"]
+    taken = min(float(state["step"]) for state in states)
+    squares = torch.stack([state["exp_avg_sq"].sum() for state in states]).sum() / (1 - decay**taken)
+    norm = nn.utils.get_total_norm([p.grad for p in parameters if p.grad is not None])
+    limit = SPIKE * squares.sqrt()
+    if norm > limit > 0:
+        nn.utils.clip_grads_with_norm_(parameters, float(limit), norm)
 
 
 def rate(step: int, settings: TrainSettings) -> float:

@@ -19,7 +19,7 @@ from cagesdf.training.batches import Batch, Cages, MemoryBatches
 from cagesdf.training.checkpoint import Checkpoint, digest_of
 from cagesdf.training.free_codes import DRAWN, STYLED, FreeCodes, code_distance
 from cagesdf.training.gradients import SLICE, Gradients, slice_threads, slices
-from cagesdf.training.loop import rate
+from cagesdf.training.loop import SPIKE, flatten_spike, rate
 from tests.support import spheres
 from tests.support.training import SETTINGS, Stopped, training
 
@@ -125,6 +125,39 @@ def test_a_loss_that_is_no_longer_finite_stops_with_what_to_do(every: int, tmp_p
     with pytest.raises(InputError, match=r"loss became .* in steps \d+ to \d+; lower learning_rate.*no checkpoint"):
         training(tmp_path, settings)
     assert not (tmp_path / "training.safetensors").exists()
+
+
+def gradient_after(*gradients: float) -> float:
+    """What is left of the last one of some gradients, Adam having stepped after each."""
+    parameters = [torch.nn.Parameter(torch.zeros(n)) for n in (3, 5)]
+    optimiser = torch.optim.Adam(parameters, fused=True)
+    for gradient in gradients:
+        for parameter in parameters:
+            parameter.grad = torch.full_like(parameter, gradient)
+        flatten_spike(optimiser)
+        optimiser.step()
+    assert parameters[0].grad is not None
+    return float(parameters[0].grad[0])
+
+
+@pytest.mark.parametrize("usual", [1e-4, 1.0, 300.0])
+@pytest.mark.parametrize("spike", [1.0, 3.9, -3.9, 5.0, -1000.0])
+def test_a_gradient_far_above_the_usual_ones_is_scaled_down_and_no_other(usual: float, spike: float) -> None:
+    left = gradient_after(*[usual] * 20, spike * usual)
+    if abs(spike) < SPIKE:
+        assert left == np.float32(spike * usual), "to the bit"
+    else:
+        assert left == pytest.approx(np.sign(spike) * SPIKE * usual, rel=0.02)
+
+
+def test_a_first_gradient_stays_and_one_that_is_not_finite_is_not_hidden() -> None:
+    assert gradient_after(1000.0) == 1000
+    assert not np.isfinite(gradient_after(1.0, 1.0, float("nan")))
+    assert not np.isfinite(gradient_after(1.0, 1.0, float("inf")))
+
+
+def test_gradients_that_were_all_zero_are_no_measure() -> None:
+    assert gradient_after(0.0, 0.0, 1.0) == 1
 
 
 class Spoilt(MemoryBatches):
