@@ -66,10 +66,6 @@ class Document:
                 raise InputError(f"script: operation {i}: {operation.op}: {error}") from error
         return document
 
-    def instead(self, operation: Operation, styles: Styles) -> "Document":
-        """The same with another last operation: a slider that goes on being moved is one operation, not hundreds."""
-        return self.then(operation, styles) if self.before is None else self.before.then(operation, styles)
-
     def undone(self, styles: Styles) -> "Document":
         """The last operation taken back; the script says so."""
         return self.then(Undo(), styles)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from cagesdf.deformation.matching import touching
@@ -19,6 +20,7 @@ from cagesdf.geometry.solid import thickness
 
 FINEST = 512  # cells: no finer resolution is recommended
 STEP = 16  # cells, between recommended resolutions
+LISTED = 4  # names in one sentence, at most
 
 
 @runtime_checkable
@@ -45,6 +47,7 @@ class Health:
     closed: bool
     components: int  # of the surface
     expected: int  # groups of cuboids that touch
+    apart: tuple[str, ...]  # names of parts whose cuboids hang together with fewer others than the most do
     torn: tuple[str, ...]  # names of parts that fall to pieces, or have no surface
     thinnest: str | None  # name of the part with the fewest cells through its thickness; None: nothing has a surface
     thickness: float  # of that part: twice its volume over its area, the user's unit; 0 without one
@@ -63,18 +66,20 @@ class Health:
             return made[part].cells(made[part].holding_lattice(2 * HALF_EXTENT / count, fineness))
 
         cells = {part: through(part, resolution) for part in made}
-        expected, _ = connected_components(touching(state.cage), directed=False)
+        expected, group = connected_components(touching(state.cage), directed=False)
+        alone = group != np.bincount(group).argmax() if expected > 1 else np.zeros(len(group), bool)
+        apart = tuple(names.get(part, part) for part, is_alone in zip(state.cage.part_ids, alone) if is_alone)
         closed = bool(len(surface.mesh.faces)) and is_closed(surface.mesh)
         called = tuple(names.get(part, part) for part in torn)
         if not cells:
-            return Health(closed, surface.components, int(expected), called, None, 0.0, 0.0, 0)
+            return Health(closed, surface.components, int(expected), apart, called, None, 0.0, 0.0, 0)
         part = min(cells, key=lambda part: cells[part])
         finer = range(STEP, FINEST + 1, STEP)
         first = bisect_left(finer, HELD, key=lambda count: through(part, count))
         enough = finer[first] if first < len(finer) else 0
         thick = thickness(surface.parts[part]) / state.similarity.scale
         return Health(
-            closed, surface.components, int(expected), called, names.get(part, part), thick, cells[part], enough
+            closed, surface.components, int(expected), apart, called, names.get(part, part), thick, cells[part], enough
         )
 
     def __str__(self) -> str:
@@ -92,8 +97,10 @@ class Health:
         sentences = []
         if self.torn:
             sentences.append(
-                f"{', '.join(self.torn)}: in pieces, or without a surface; another style or thicker cuboids help"
+                f"{_listed(self.torn)}: in pieces, or without a surface; another style or thicker cuboids help"
             )
+        if self.apart:
+            sentences.append(f"{_listed(self.apart)}: not attached to the rest")
         if self.components > self.expected:
             sentences.append(f"the surface is in {self.components} pieces where its cuboids are in {self.expected}")
         if self.thinnest and self.cells < HELD:
@@ -104,3 +111,9 @@ class Health:
             )
             sentences.append(f"{self.thinnest} is {self._extent} thick; wanted {HELD:g} cells: {cure}")
         return tuple(sentences)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """Names in a sentence, or some of many."""
+    more = len(names) - LISTED
+    return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -191,8 +191,8 @@ class PartsPage:
             raw = replace(upload.raw, written=dissection.written())
             build, style = self._importer.take(raw, upload.file, progress).operations()
             upload.dissections[build.structure] = dissection
-            step = document.instead if isinstance(document.script[-1], Build) else document.then
-            after = step(build, self._styles).then(style, self._styles)
+            replaced = document.before if isinstance(document.script[-1], Build) else None
+            after = (replaced or document).then(build, self._styles).then(style, self._styles)
             return lambda: self._finish(document, after)
 
         self._desk.start("Fit", work)

@@ -13,6 +13,7 @@ from cagesdf.viewing.files import FORMATS
 from cagesdf.viewing.framing import VIEWS
 from cagesdf.viewing.pictures import PictureGrid
 from cagesdf.viewing.scene import LOOKS, TOOLS
+from cagesdf.viewing.settling import Settling, after_pause
 from cagesdf.viewing.thumbnails import blank
 
 HELLO = (
@@ -106,10 +107,11 @@ class Panel:
         """`ends` are those of the sliders of principal directions; `guard` calls an action and says what is wrong."""
         gui = self._gui = client.gui
         self._guard = guard
+        self._settling: dict[str, Settling] = {}  # by label, of boxes that numbers are typed into
         gui.main_panel.dock_right()
         self.theme(dark=False)
         gui.set_panel_label("cagesdf")
-        gui.add_markdown(HELLO)
+        self._top = gui.add_markdown(HELLO)
         self._drafts_of = gui.add_folder("Earlier work", visible=False)
         self._draft_buttons: list[Any] = []
         self._restore, self._forget = actions.restore, actions.forget
@@ -167,10 +169,16 @@ class Panel:
         gui = self._gui
         self.tool = gui.add_dropdown("Tool", TOOLS, hint="G moves, R turns, L pulls faces")
         self._on(self.tool, actions.redraw)
-        self.centre = gui.add_vector3("Centre (file units)", (0.0, 0.0, 0.0), step=0.001, disabled=True)
-        self._on(self.centre, lambda: actions.place(self.centre.value))
+        self.centre = gui.add_vector3(
+            "Centre (file units)",
+            (0.0, 0.0, 0.0),
+            step=0.001,
+            disabled=True,
+            hint="below 0: digits first, then the minus",
+        )
+        self._typed(self.centre, lambda: actions.place(self.centre.value))
         self.lengths = gui.add_vector3("Lengths (file units)", (1.0, 1.0, 1.0), step=0.001, disabled=True)
-        self._on(self.lengths, lambda: actions.lengths(self.lengths.value))
+        self._typed(self.lengths, lambda: actions.lengths(self.lengths.value))
         self.angles = gui.add_vector3(
             "Rotation (degrees)",
             (0.0, 0.0, 0.0),
@@ -178,7 +186,7 @@ class Panel:
             disabled=True,
             hint="about x, then its own y, then its own z",
         )
-        self._on(self.angles, lambda: actions.angles(self.angles.value))
+        self._typed(self.angles, lambda: actions.angles(self.angles.value))
         self.mirror = gui.add_checkbox("Mirrors follow", True, hint="parts that mirror these")
         self.repeat = gui.add_checkbox("Repeats follow", True, hint="parts that repeat these")
         self.attach = gui.add_checkbox("Attached follow", True, hint="what touches stays in contact")
@@ -195,7 +203,7 @@ class Panel:
             )
         self._on(self.group, self._show_parameters)
         self._on(self.parameter, self._show_value)
-        self._on(self.value, lambda: actions.set_parameter(self._parameter, self.value.value))
+        self._typed(self.value, lambda: actions.set_parameter(self._parameter, self.value.value))
         self._values: Mapping[str, float] = {}
         self._grouped: Mapping[str, Mapping[str, str]] = {}
 
@@ -239,7 +247,9 @@ class Panel:
 
     def _file(self, actions: Actions) -> None:
         gui = self._gui
-        self.format = gui.add_dropdown("Format", FORMATS, initial_value="glb")
+        self.format = gui.add_dropdown(
+            "Format", FORMATS, initial_value="glb", hint="glb, obj: each part a closed mesh; stl, ply: their union"
+        )
         export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD)
         export.on_click(lambda _: self._guard(lambda: actions.export(self.format.value)))
         cuboids = gui.add_button("Export cuboids", icon=viser.Icon.BOX)
@@ -302,16 +312,16 @@ class Panel:
             self.shape.value = chosen
 
     def show_health(self, health: str, warnings: Sequence[str]) -> None:
-        """A line about the surface, and warnings."""
-        lines = [f"⚠ **{warning}**" for warning in warnings]
-        self.health.content = "\n\n".join([f"Health: {health}", *lines])
+        """A line about the surface, and warnings: at the top, in place of the introduction, as nothing moves then."""
+        self.health.content = f"Health: {health}"
+        self._top.content = "\n\n".join(f"⚠ **{warning}**" for warning in warnings) or HELLO
 
     def show_cuboid(self, centre: np.ndarray | None, lengths: np.ndarray | None, angles: np.ndarray | None) -> None:
         """Numbers of the cuboid selected; None: not exactly one is."""
         for box, numbers in ((self.centre, centre), (self.lengths, lengths), (self.angles, angles)):
             box.disabled = numbers is None
-            if numbers is not None:
-                box.value = tuple(round(float(number), 4) + 0.0 for number in numbers)
+            if not self._settling[box.label].waits:
+                box.value = (0.0,) * 3 if numbers is None else tuple(round(float(n), 4) + 0.0 for n in numbers)
 
     def show_program(self, values: Mapping[str, float], grouped: Mapping[str, Mapping[str, str]]) -> None:
         """The program's parameters, by part and plain name; the folder is hidden if there are none."""
@@ -334,13 +344,28 @@ class Panel:
         self._show_value()
 
     def _show_value(self) -> None:
-        if self._parameter in self._values:
+        if self._parameter in self._values and not self._settling[self.value.label].waits:
             self.value.value = round(self._values[self._parameter], 5)
 
     def show_style(self, places: np.ndarray) -> None:
         """Coordinates of the style along the principal directions."""
         for slider, place in zip(self.directions, places):
             slider.value = float(np.clip(place, slider.min, slider.max))
+
+    def flush(self) -> None:
+        """Take the numbers that are being typed as they are."""
+        for settling in self._settling.values():
+            settling.flush()
+
+    def drop(self) -> None:
+        """Forget the numbers that are being typed."""
+        for settling in self._settling.values():
+            settling.drop()
+
+    def _typed(self, box: Any, act: Callable[[], None]) -> None:
+        """Do an action once a number was typed into a box, or its arrows were clicked."""
+        settling = self._settling[box.label] = Settling(act, partial(after_pause, self._guard))
+        box.on_update(lambda event: None if event.client is None else settling.touch())
 
     def _on(self, handle: Any, act: Callable[[], None]) -> None:
         # Without a client the tab itself set the value.

@@ -3,7 +3,7 @@
 import hashlib
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -52,6 +52,7 @@ from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
 from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
 from cagesdf.viewing.shelf import Shelf
+from cagesdf.viewing.sliding import Control, Sliding
 from cagesdf.viewing.thumbnails import Picture, blank
 from cagesdf.viewing.uploads import Taken, Upload
 from cagesdf.viewing.worker import FINE_CELLS, Made, Worker
@@ -93,7 +94,8 @@ class Tab:
         self._shelf = Shelf(self._fresh, frozenset(opened.session.run.sequences), self._keep)
         self._jobs = Jobs(self._show_stand, self._guarded, self._refuse)
         self._problem: Any = None  # the notification of the last one
-        self._sliding: tuple[object, ...] = ()  # the control whose last operation is replaced while it moves on
+        self._card: Any = None  # of keys, the last one that was shown
+        self._sliding = Sliding()
         self._document = self._shelf.take(opened.first)
         self._stage = Stage(client, self._click, self._moved, self._pulled)
         self._panel = Panel(
@@ -164,7 +166,7 @@ class Tab:
             **{view.lower(): partial(self._view, view) for view in VIEWS},
             "undo": self._undo,
             "redo": self._redo,
-            "nothing": lambda: self._select(()),
+            "nothing": self._escape,
             "everything": lambda: self._select(self._document.state.cage.part_ids),
             "duplicate": partial(self._act, "Duplicate"),
             "delete": partial(self._act, "Delete"),
@@ -183,6 +185,7 @@ class Tab:
     def close(self) -> None:
         """Free what the tab holds."""
         self._jobs.cancel()
+        self._panel.drop()
         for kind in ("styles", "ends", "made"):
             self._opened.thumbnails.forget((id(self), kind))
         self._worker.close()
@@ -240,8 +243,11 @@ class Tab:
 
     def _guarded(self, act: Callable[[], None]) -> None:
         """Call an action under the lock. Its errors are shown, and nothing has changed then."""
-        with self._lock, saying(self._refuse):
-            act()
+        with self._lock:
+            with saying(self._refuse):
+                self._panel.flush()
+            with saying(self._refuse):
+                act()
 
     def _refuse(self, text: str) -> None:
         """Show an error, until it is dismissed or replaced by the next one."""
@@ -344,7 +350,10 @@ class Tab:
     @property
     def _hand(self) -> Hand:
         """The selection, for operations. Raises InputError as `_pattern`."""
-        return Hand(self._document.state, self._selected, self._pattern, self._followers)
+        return self._hand_on(self._document.state)
+
+    def _hand_on(self, state: State) -> Hand:
+        return Hand(state, self._selected, self._pattern, self._followers)
 
     def _hide(self) -> None:
         self._hidden |= frozenset(self._selected)
@@ -402,10 +411,25 @@ class Tab:
         self._redraw()
 
     def _help(self) -> None:
-        card_window = self._client.gui.add_modal("Keys")
-        with card_window:
+        """Show the card of keys, or put it away."""
+        if self._card_is_shown:
+            self._card.close()
+            return
+        self._card = self._client.gui.add_modal("Keys")
+        with self._card:
             self._client.gui.add_markdown(card())
-            self._client.gui.add_button("Close").on_click(lambda _: card_window.close())
+            self._client.gui.add_button("Close").on_click(lambda _: self._card.close())
+
+    @property
+    def _card_is_shown(self) -> bool:
+        return self._card is not None and not self._card.closed
+
+    def _escape(self) -> None:
+        """Put the card of keys away, or select nothing."""
+        if self._card_is_shown:
+            self._card.close()
+        else:
+            self._select(())
 
     # Parts that come and go
 
@@ -417,10 +441,16 @@ class Tab:
             "Show all": self._show_all,
             "Duplicate": self._duplicate,
             "Split": lambda: self._do_and_select(self._hand.split()),
-            "Delete": lambda: self._do(Delete(part=self._pattern, mirror=self._mirror)),
+            "Delete": self._delete,
             "Add": lambda: self._do_and_select(on_top(self._document.state)),
         }
         actions[word]()
+
+    def _delete(self) -> None:
+        """Delete what is selected, and nothing else: what mirrors it stays."""
+        names = ", ".join(self._names)
+        self._do(Delete(part=self._pattern, mirror=False))
+        self._say(f"deleted: {names}")
 
     def _duplicate(self) -> None:
         self._do_and_select(self._hand.duplicate())
@@ -435,17 +465,24 @@ class Tab:
 
     # Operations
 
-    def _do(self, operation: Operation, control: tuple[object, ...] = ()) -> None:
+    def _do(self, operation: Operation, control: Control = ()) -> None:
         """Do an operation; one of the same control replaces the one before."""
-        self._check_fitted()
-        replaces = bool(control) and control == self._sliding
-        step = self._document.instead if replaces else self._document.then
-        self._become(step(operation, self._opened.session.styles), control)
+        self._slide(control, lambda _: [operation])
 
-    def _become(self, document: Document, control: tuple[object, ...] = ()) -> None:
+    def _slide(self, control: Control, operations: Callable[[State], Iterable[Operation]]) -> None:
+        """Do what a control says of the state before it began to change."""
+        self._check_fitted()
+        self._take_over(self._sliding.changed(self._document, control, operations, self._opened.session.styles))
+
+    def _become(self, document: Document) -> None:
+        """Show another document, to which no control led."""
+        self._sliding.end()
+        self._take_over(document)
+
+    def _take_over(self, document: Document) -> None:
         if document.state.structure is not self._document.state.structure:
             self._stage.show_ground(document.state.cage)
-        self._document, self._sliding = document, control
+        self._document = document
         self._shelf.put(document)
         self._redraw()
         if self._unfitted is not None:
@@ -520,15 +557,13 @@ class Tab:
         return {"mirror": self._mirror, "repeat": self._repeat, "attach": attach, "details": details}
 
     def _place(self, centre: Numbers) -> None:
-        self._do(self._hand.placed(centre), ("centre", self._selected))
+        self._slide(("centre", self._selected), lambda state: [self._hand_on(state).placed(centre)])
 
     def _lengths(self, lengths: Numbers) -> None:
-        for operation in [*self._hand.resized(lengths)]:
-            self._do(operation)
+        self._slide(("lengths", self._selected), lambda state: self._hand_on(state).resized(lengths))
 
     def _angles(self, angles: Numbers) -> None:
-        for operation in [*self._hand.turned(angles)]:
-            self._do(operation)
+        self._slide(("angles", self._selected), lambda state: self._hand_on(state).turned(angles))
 
     def _set(self, parameter: str, value: float) -> None:
         if parameter != NOTHING:
@@ -627,6 +662,7 @@ class Tab:
     def _take(self, document: Document) -> None:
         """Open another document."""
         self._selected, self._hidden, self._locked = (), frozenset(), frozenset()
+        self._panel.style.value = NOTHING
         other = document.shape_id != self._document.shape_id
         self._become(document)
         self._stage.frame(document.state.cage, "Perspective")

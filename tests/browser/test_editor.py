@@ -462,6 +462,40 @@ def test_a_higher_seat_takes_legs_along_and_what_can_not_be_is_said_until_it_is_
     assert {kind for kind, _ in kinds[1:]} == {"rotate"}
 
 
+def test_numbers_are_those_that_were_typed_digit_by_digit_and_by_arrows(visit: Visit, tmp_path: Path) -> None:
+    page = visit()
+    page.settled()
+    page.select("seat_surface")
+    start = page.numbers(CENTRE)
+    for text in ("0.02", "0.015"):
+        page.type_number(CENTRE, 1, text)
+    page.type_number(CENTRE, 2, f"{abs(start[2]) + 0.05:.3f}")
+    wanted = np.round([start[0], 0.015, abs(start[2]) + 0.05], 3)
+    for _ in range(3):
+        page.control(CENTRE, "input").nth(1).press("ArrowUp")
+    wanted[1] += 0.003
+    page.until(lambda: np.abs(page.numbers(CENTRE) - wanted).max() < 6e-4, f"the seat at {wanted}")
+    page.picture("typed")
+    [move] = page.script(tmp_path)
+    assert move["op"] == "move"
+    np.testing.assert_allclose(move["by"], wanted - start, atol=1e-3)
+    page.tab("Cuboids")
+    page.type_number(CENTRE, 1, "0.03")
+    page.control(CENTRE, "input").nth(1).press("Home")
+    page.page.keyboard.type("-")
+    page.until(lambda: abs(page.numbers(CENTRE)[1] + 0.03) < 6e-4, "the seat below 0")
+    page.type_number(LENGTHS, 1, "0.2")
+    page.click_nothing()
+    page.until(lambda: page.selected == [], "nothing selected")
+    page.page.keyboard.press("i")
+    page.page.get_by_role("dialog").wait_for()
+    page.page.keyboard.press("i")
+    page.page.get_by_role("dialog").wait_for(state="detached")
+    page.select("seat_surface")
+    np.testing.assert_allclose(page.numbers(LENGTHS)[1], 0.2, atol=1e-3)
+    assert "lengths are" not in page.refusals, "0 and 0. were on the way"
+
+
 def test_looks_views_the_dark_and_other_runs(visit: Visit, editor: Editor) -> None:
     page = visit()
     page.tab("View")

@@ -50,15 +50,6 @@ def test_the_saved_script_gives_the_same_state_to_the_last_bit(operations: list)
     assert document.reset().script == ()
 
 
-def test_a_slider_that_moves_on_is_one_operation(session: Session) -> None:
-    document = opened(session).then(MOVES[0], session.styles)
-    for x in (0.1, 0.2, 0.3):
-        step = document.then if len(document.script) == 1 else document.instead
-        document = step(Style(code=(x, 0.0, 0.0, 0.0)), session.styles)
-    assert document.script == (MOVES[0], Style(code=(0.3, 0.0, 0.0, 0.0)))
-    same(document.undone(session.styles), opened(session).then(MOVES[0], session.styles))
-
-
 def test_undo_and_redo_stand_in_the_script(session: Session) -> None:
     document = opened(session).then(MOVES[0], session.styles)
     back = document.undone(session.styles)

@@ -93,6 +93,23 @@ def test_parts_in_pieces_and_without_a_surface_are_named() -> None:
     assert "a, b" in health.warnings()[0]
 
 
+@pytest.mark.parametrize(("gap", "apart"), [(0.1, ()), (0.5, ("c",))])
+def test_parts_that_hang_together_with_less_than_the_most_are_named(gap: float, apart: tuple[str, ...]) -> None:
+    places = {"a": 0.0, "c": -gap, "b": 0.1}
+    cuboids = {name: box((0, y, 0), (0.6, 0.1, 0.1)) for name, y in places.items()}
+    health = Health.of(found({name: solid(each) for name, each in cuboids.items()}), state_of(cuboids), 128)
+    assert (health.apart, health.expected) == (apart, 1 + len(apart))
+    assert [text for text in health.warnings() if "attached" in text] == [
+        f"{c}: not attached to the rest" for c in apart
+    ]
+
+
+def test_of_many_parts_a_warning_names_some() -> None:
+    cuboids = {f"part{i}": box((0.2 * i, 0, 0), (0.1, 0.1, 0.1)) for i in range(8)}
+    health = Health.of(found({name: solid(each) for name, each in cuboids.items()}), state_of(cuboids), 128)
+    assert health.warnings() == ("part1, part2, part3, part4 and 3 more: not attached to the rest",)
+
+
 def test_more_components_than_groups_of_cuboids_are_warned_of() -> None:
     cuboids = {"a": box((0, 0, 0), (0.6, 0.1, 0.1)), "b": box((0, 0.1, 0), (0.6, 0.1, 0.1))}
     surface = found({"a": solid(box((0, 0, 0), (0.5, 0.05, 0.05))), "b": solid(box((0, 0.1, 0), (0.5, 0.05, 0.05)))})

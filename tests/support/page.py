@@ -151,6 +151,12 @@ class EditorPage:
         box.fill(str(value))
         box.press("Enter")
 
+    def type_number(self, label: str, which: int, text: str) -> None:
+        """Digit by digit, as hands do, in place of what is there."""
+        box = self.control(label, "input").nth(which)
+        box.select_text()
+        box.press_sequentially(text, delay=120)
+
     def select(self, part: str) -> None:
         """By the list."""
         self.page.get_by_role("button", name=re.compile(rf"^(▸ )?{re.escape(part)}$")).click()
