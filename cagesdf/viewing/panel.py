@@ -103,11 +103,16 @@ class Panel:
         ends: Sequence[tuple[float, float]],
         generates: bool,
         guard: Callable[[Callable[[], None]], None],
+        guard_typed: Callable[[Callable[[], None]], None],
     ) -> None:
-        """`ends` are those of the sliders of principal directions; `guard` calls an action and says what is wrong."""
+        """`ends` are those of the sliders of principal directions; `guard` calls an action and says what is wrong.
+
+        `guard_typed` does so when a number has settled, while another one may be being typed.
+        """
         gui = self._gui = client.gui
-        self._guard = guard
+        self._guard, self._guard_typed = guard, guard_typed
         self._settling: dict[str, Settling] = {}  # by label, of boxes that numbers are typed into
+        self._known: dict[str, Any] = {}  # by label, the values that were shown there or taken from there
         gui.main_panel.dock_right()
         self.theme(dark=False)
         gui.set_panel_label("cagesdf")
@@ -320,8 +325,7 @@ class Panel:
         """Numbers of the cuboid selected; None: not exactly one is."""
         for box, numbers in ((self.centre, centre), (self.lengths, lengths), (self.angles, angles)):
             box.disabled = numbers is None
-            if not self._settling[box.label].waits:
-                box.value = (0.0,) * 3 if numbers is None else tuple(round(float(n), 4) + 0.0 for n in numbers)
+            self._show_number(box, (0.0,) * 3 if numbers is None else tuple(round(float(n), 4) + 0.0 for n in numbers))
 
     def show_program(self, values: Mapping[str, float], grouped: Mapping[str, Mapping[str, str]]) -> None:
         """The program's parameters, by part and plain name; the folder is hidden if there are none."""
@@ -344,8 +348,8 @@ class Panel:
         self._show_value()
 
     def _show_value(self) -> None:
-        if self._parameter in self._values and not self._settling[self.value.label].waits:
-            self.value.value = round(self._values[self._parameter], 5)
+        if self._parameter in self._values:
+            self._show_number(self.value, round(self._values[self._parameter], 5))
 
     def show_style(self, places: np.ndarray) -> None:
         """Coordinates of the style along the principal directions."""
@@ -364,8 +368,19 @@ class Panel:
 
     def _typed(self, box: Any, act: Callable[[], None]) -> None:
         """Do an action once a number was typed into a box, or its arrows were clicked."""
-        settling = self._settling[box.label] = Settling(act, partial(after_pause, self._guard))
+
+        def take() -> None:
+            self._known[box.label] = box.value
+            act()
+
+        self._known[box.label] = box.value
+        settling = self._settling[box.label] = Settling(take, partial(after_pause, self._guard_typed))
         box.on_update(lambda event: None if event.client is None else settling.touch())
+
+    def _show_number(self, box: Any, value: float | tuple[float, ...]) -> None:
+        """Show a number, or several, in a box that nobody is typing into."""
+        if box.value == self._known[box.label]:  # viser sets what is typed before it says so
+            box.value = self._known[box.label] = value
 
     def _on(self, handle: Any, act: Callable[[], None]) -> None:
         # Without a client the tab itself set the value.

@@ -161,7 +161,10 @@ class Stage:
     def show_surface(
         self, surface: Extraction, cage: Cage, colours: Mapping[str, Colour], hidden: Set[str], look: str
     ) -> None:
-        """A surface cut into its parts, in one of LOOKS."""
+        """A surface cut into its parts, in one of LOOKS; while some are hidden, the others as closed parts."""
+        if hidden & surface.parts.keys():
+            self.show_parts(surface.parts, colours, hidden, look)
+            return
         mesh = surface.mesh
         owners = face_owners(mesh, surface.parts, cage)
         patches = {

@@ -92,7 +92,7 @@ class Tab:
         self._ranked: tuple[Structure, list[str]] | None = None
         self._ends: dict[tuple[str, int, int], Picture] = {}  # by shape, direction and end
         self._shelf = Shelf(self._fresh, frozenset(opened.session.run.sequences), self._keep)
-        self._jobs = Jobs(self._show_stand, self._guarded, self._refuse)
+        self._jobs = Jobs(self._show_stand, self._answered, self._refuse)
         self._problem: Any = None  # the notification of the last one
         self._card: Any = None  # of keys, the last one that was shown
         self._sliding = Sliding()
@@ -137,6 +137,7 @@ class Tab:
             [(round(float(low), 2), round(float(high), 2)) for low, high in opened.styles.ends],
             opened.generator is not None,
             self._guarded,
+            self._answered,
         )
         self._parts = PartList(client, self._pick, self._blink, self._act, self._guarded)
         with self._panel.found:
@@ -201,9 +202,7 @@ class Tab:
         with self._client.atomic():  # a frame for cuboids and surface
             if state is not self._caged and state in (self._document.state, self._previewed):
                 self._show_cage(state)
-            self._stage.show_surface(
-                made.extraction, state.cage, self._colours(state), self._hidden, self._panel.look.value
-            )
+            self._show_surface(made)
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
         self._panel.mark.value = f"{made.cells} cells, {mark}"
         self._panel.surface.value = f"{made.cells} cells, {len(mesh.faces):,} faces"
@@ -213,6 +212,10 @@ class Tab:
             self._panel.show_health(f"{health}{self._nearness(mesh)}", health.warnings())
         else:
             self._fine_since = time.monotonic()
+
+    def _show_surface(self, made: Made) -> None:
+        cage, colours = made.state.cage, self._colours(made.state)
+        self._stage.show_surface(made.extraction, cage, colours, self._hidden, self._panel.look.value)
 
     def _tell(self, done: float | None) -> None:
         """Show the progress of the fine surface, if it takes long."""
@@ -242,12 +245,15 @@ class Tab:
         self._panel.status.value = text
 
     def _guarded(self, act: Callable[[], None]) -> None:
-        """Call an action under the lock. Its errors are shown, and nothing has changed then."""
+        """Call an action under the lock, after the numbers that are being typed are taken as they are."""
         with self._lock:
-            with saying(self._refuse):
-                self._panel.flush()
-            with saying(self._refuse):
-                act()
+            self._answered(self._panel.flush)
+            self._answered(act)
+
+    def _answered(self, act: Callable[[], None]) -> None:
+        """Call an action under the lock. Its errors are shown, and nothing has changed then."""
+        with self._lock, saying(self._refuse):
+            act()
 
     def _refuse(self, text: str) -> None:
         """Show an error, until it is dismissed or replaced by the next one."""
@@ -278,8 +284,11 @@ class Tab:
         )
 
     def _look(self) -> None:
-        state = self._document.state if self._made is None else self._made.state
-        self._stage.show_look(self._colours(state), self._hidden, self._panel.look.value)
+        """Show the surface in the look that is chosen, without the parts that are hidden."""
+        if self._made is None or self._unfitted is not None:
+            self._stage.show_look(self._colours(self._document.state), self._hidden, self._panel.look.value)
+        else:
+            self._show_surface(self._made)
 
     def _redraw(self, state: State | None = None) -> None:
         """Show cuboids, gizmo and numbers: of the document, or of a state during a drag."""
@@ -536,11 +545,11 @@ class Tab:
 
     def _moved(self, phase: str, centre: Float[ndarray, " 3"], axes: Float[ndarray, "3 3"]) -> None:
         """The gizmo was dragged."""
-        self._guarded(lambda: self._drag(phase, self._hand.dragged(centre, axes, bool(self._panel.snap.value))))
+        self._answered(lambda: self._drag(phase, self._hand.dragged(centre, axes, bool(self._panel.snap.value))))
 
     def _pulled(self, phase: str, axis: int, side: int, distance: float) -> None:
         """A face was dragged outwards by a canonical distance."""
-        self._guarded(lambda: self._drag(phase, self._hand.pulled(axis, side, distance)))
+        self._answered(lambda: self._drag(phase, self._hand.pulled(axis, side, distance)))
 
     @property
     def _mirror(self) -> bool:

@@ -8,8 +8,9 @@ import pytest
 from viser import ClientHandle
 
 from cagesdf.cuboid import Cage
-from cagesdf.geometry.meshes import Mesh
-from cagesdf.geometry.solid import cage_surface
+from cagesdf.extraction import Extraction
+from cagesdf.geometry.meshes import Mesh, is_closed, weld
+from cagesdf.geometry.solid import as_manifold, cage_surface, from_manifold
 from cagesdf.viewing.scene import Stage
 from tests.support.attached import box
 
@@ -76,3 +77,21 @@ def test_parts_that_stay_take_the_look_and_what_is_hidden_anew(stage: Stage, nod
     assert nodes.sent == 2
     assert [node.wireframe for node in nodes.there.values()] == [True, True]
     assert sorted(node.visible for node in nodes.there.values()) == [False, True]
+
+
+def test_while_a_part_is_hidden_the_others_are_closed(stage: Stage, nodes: Nodes) -> None:
+    cage = Cage.of({"a": box((0, 0, 0), (0.5, 0.1, 0.5)), "b": box((0, 0.2, 0), (0.1, 0.5, 0.1))})
+    parts = {part: cage_surface(Cage.of({part: cage[part]})) for part in cage.part_ids}
+    union = from_manifold(as_manifold(parts["a"]) + as_manifold(parts["b"]))
+    surface = Extraction(union, parts, 0, 0.0, 1, 0, 0.0)
+
+    def closed() -> dict[tuple[int, int, int], bool]:
+        shown = [node for node in nodes.there.values() if node.visible]
+        return {node.color: is_closed(weld(Mesh(node.vertices, node.faces.astype(np.int32)), 1e-6)) for node in shown}
+
+    stage.show_surface(surface, cage, COLOURS, set(), "Parts")
+    assert closed() == {COLOURS["a"]: False, COLOURS["b"]: False}, "one surface, cut into its parts"
+    stage.show_surface(surface, cage, COLOURS, {"a"}, "Parts")
+    assert closed() == {COLOURS["b"]: True}
+    stage.show_surface(surface, cage, COLOURS, {"gone"}, "Parts")
+    assert closed() == {COLOURS["a"]: False, COLOURS["b"]: False}
