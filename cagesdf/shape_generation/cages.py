@@ -10,7 +10,7 @@ from cagesdf.cage_generation.generator import Generated, Samples
 from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.shape_generation.static_stability import stable
 
-ROUNDS = 8  # draws for each cage that is wanted, at most
+ROUNDS = 32  # draws for each cage that is wanted, at most
 BATCH = 256  # draws that are made at once, at most
 # Why a valid cage is discarded.
 FALLS = "falls over or apart"
