@@ -208,8 +208,9 @@ class Panel:
             )
         self._on(self.group, self._show_parameters)
         self._on(self.parameter, self._show_value)
-        self._typed(self.value, lambda: actions.set_parameter(self._parameter, self.value.value))
+        self._typed(self.value, lambda: actions.set_parameter(self._shown_parameter, self.value.value))
         self._values: Mapping[str, float] = {}
+        self._shown_parameter = NOTHING  # own name of the one that the number is for
         self._grouped: Mapping[str, Mapping[str, str]] = {}
 
     def _style(self, actions: Actions, shapes: Sequence[str], ends: Sequence[tuple[float, float]]) -> None:
@@ -349,6 +350,7 @@ class Panel:
 
     def _show_value(self) -> None:
         if self._parameter in self._values:
+            self._shown_parameter = self._parameter  # a number that is still being typed is for the one before
             self._show_number(self.value, round(self._values[self._parameter], 5))
 
     def show_style(self, places: np.ndarray) -> None:
