@@ -128,7 +128,7 @@ def test_a_loss_that_is_no_longer_finite_stops_with_what_to_do(every: int, tmp_p
 
 
 def gradient_after(*gradients: float) -> float:
-    """What is left of the last one of some gradients, Adam having stepped after each."""
+    """The last of these gradients after `flatten_spike`; Adam steps after each."""
     parameters = [torch.nn.Parameter(torch.zeros(n)) for n in (3, 5)]
     optimiser = torch.optim.Adam(parameters, fused=True)
     for gradient in gradients:
