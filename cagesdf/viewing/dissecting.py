@@ -15,13 +15,13 @@ from cagesdf.cuboid import Cage
 from cagesdf.editing.document import Document
 from cagesdf.editing.script import Build
 from cagesdf.editing.state import State
-from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
 from cagesdf.parts.changing import AXES, Dissection
 from cagesdf.parts.written import SUFFIX, written_json
 from cagesdf.viewing.jobs import Progress, Work
 from cagesdf.viewing.opening import Importer
 from cagesdf.viewing.uploads import Upload
+from cagesdf.viewing.workspace import Workspace
 
 NONE = "Load a mesh in **File**: the parts that are found in it are shown and changed here."
 USE = (
@@ -39,9 +39,7 @@ Corners = Float[ndarray, "4 3"]
 class Desk:
     """The shape that is open in a tab, and what may be done with it."""
 
-    document: Callable[[], Document]
-    upload: Callable[[], Upload | None]  # the file that it comes from
-    selected: Callable[[], tuple[str, ...]]  # ids of parts
+    space: Workspace
     become: Callable[[Document], None]  # show another document of the same shape
     start: Callable[[str, Work], None]  # work in the background
     download: Callable[[str, bytes], None]  # give a file to save
@@ -56,11 +54,10 @@ class PartsPage:
         gui: viser.GuiApi,
         desk: Desk,
         importer: Importer,
-        styles: Styles,
         guard: Callable[[Callable[[], None]], None],
     ) -> None:
         """`guard` calls an action and says what is wrong."""
-        self._desk, self._importer, self._styles = desk, importer, styles
+        self._desk, self._importer, self._styles = desk, importer, desk.space.styles
         self._text = gui.add_markdown(NONE)
         self._aimed: tuple[object, ...] = ()  # the state and parts that the slider's range is for
 
@@ -89,7 +86,11 @@ class PartsPage:
 
     def show(self) -> None:
         """The open shape, after a change of it or of the selection."""
-        document, upload, selected = self._desk.document(), self._desk.upload(), self._desk.selected()
+        document, upload, selected = (
+            self._desk.space.document,
+            self._desk.space.upload,
+            self._desk.space.selection.parts,
+        )
         if upload is None or not upload.raw.whole:
             self._text.content, found, given, unfitted = NONE, False, False, False
         else:
@@ -109,10 +110,10 @@ class PartsPage:
 
     def _range(self) -> None:
         """Let the slider reach through the selected part, and begin in its middle."""
-        selected = self._desk.selected()
+        selected = self._desk.space.selection.parts
         if len(selected) != 1:
             return
-        corners = _corners(self._desk.document().state, selected[0])[:, AXES.index(self._axis.value)]
+        corners = _corners(self._desk.space.document.state, selected[0])[:, AXES.index(self._axis.value)]
         low, high = float(corners.min()), float(corners.max())
         digits = max(0, math.ceil(-math.log10((high - low) / STEPS)))
         self._place.min, self._place.max = round(low, digits), round(high, digits)
@@ -125,12 +126,12 @@ class PartsPage:
 
     def _aim(self) -> None:
         """Show the plane through the selected part."""
-        state, selected = self._desk.document().state, self._desk.selected()
+        state, selected = self._desk.space.document.state, self._desk.space.selection.parts
         if len(selected) == 1:
             self._desk.plane(plane_through(state, selected[0], self._axis.value, self._place.value))
 
     def _one(self) -> str:
-        selected = self._desk.selected()
+        selected = self._desk.space.selection.parts
         if len(selected) != 1:
             raise InputError(f"wanted one part selected, not {len(selected)}")
         return selected[0]
@@ -138,7 +139,7 @@ class PartsPage:
     # Changes
 
     def _merge(self) -> None:
-        selected = self._desk.selected()
+        selected = self._desk.space.selection.parts
         if len(selected) < 2:
             raise InputError("wanted several parts selected: shift-click in the view, or Select several in the list")
         self._change("Merge", [shlex.join(["merge", *selected])])
@@ -150,14 +151,14 @@ class PartsPage:
         self._change("Rename", [shlex.join(["rename", self._one(), self._name.value])])
 
     def _label(self) -> None:
-        selected = self._desk.selected()
+        selected = self._desk.space.selection.parts
         if not selected:
             raise InputError("no part is selected; click those that are meant")
         self._change("Label", [shlex.join(["label", part, self._name.value]) for part in selected])
 
     def _change(self, what: str, lines: list[str]) -> None:
         """Change the parts as `cagesdf parts --change` does; found first, where they weren't."""
-        document, upload = self._desk.document(), self._upload()
+        document, upload = self._desk.space.document, self._upload()
         if lines and upload.newest(document) is None and upload.origin.parts == "given":
             raise InputError("its parts are the file's groups; Find parts takes its surface apart instead")
 
@@ -176,13 +177,13 @@ class PartsPage:
         return dissection
 
     def _finish(self, before: Document, after: Document) -> None:
-        if self._desk.document() is not before:
+        if self._desk.space.document is not before:
             raise InputError("the shape was changed meanwhile; nothing was done to its parts")
         self._desk.become(after)
 
     def _fit_again(self) -> None:
         """Cuboids and codes of the parts as they are now; one undo leads back to them."""
-        document, upload = self._desk.document(), self._upload()
+        document, upload = self._desk.space.document, self._upload()
         dissection = upload.unfitted(document)
         if dissection is None:
             raise InputError("the parts are fitted; change them first")
@@ -198,7 +199,7 @@ class PartsPage:
         self._desk.start("Fit", work)
 
     def _save(self) -> None:
-        document, upload = self._desk.document(), self._upload()
+        document, upload = self._desk.space.document, self._upload()
 
         def work(progress: Progress) -> Callable[[], None]:
             text = written_json(self._dissection(document, upload, progress).written())
@@ -207,7 +208,7 @@ class PartsPage:
         self._desk.start("Save parts", work)
 
     def _upload(self) -> Upload:
-        upload = self._desk.upload()
+        upload = self._desk.space.upload
         if upload is None or not upload.raw.whole:
             raise InputError("this shape comes from no whole mesh; load one in File")
         return upload

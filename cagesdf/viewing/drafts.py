@@ -48,6 +48,14 @@ class Draft:
         size = len(dump(document.script)) + (0 if upload is None else upload.bytes)
         return Draft(run, document.shape_id, document.name, document.script, len(entry.first.script), upload, now, size)
 
+    def in_words(self, now: float) -> str:
+        """Name, number of changes and age at a time (seconds since the epoch)."""
+        changes = len(self.script) - self.made
+        minutes = max(now - self.time, 0) / 60
+        age = "just now" if minutes < 1 else f"{minutes:.0f} min ago" if minutes < 60 else f"{minutes / 60:.0f} h ago"
+        what = f"{changes} change{'s' * (changes != 1)}" if changes else "as it was made"
+        return f"Continue {self.name}: {what}, {age}"
+
 
 class Drafts:
     """The drafts of all browsers, in memory, each known by a token that no other browser has.

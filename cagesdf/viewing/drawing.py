@@ -1,6 +1,7 @@
 """New styles and new shapes, drawn until one holds."""
 
 from collections.abc import Callable, Iterable
+from itertools import repeat
 
 import numpy as np
 
@@ -11,11 +12,48 @@ from cagesdf.editing.session import Live, Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.extraction import PREVIEW, Each
+from cagesdf.shape_generation.cages import draw_cages
 from cagesdf.shape_generation.surfaces import CodeSource
 from cagesdf.viewing.jobs import Progress
+from cagesdf.viewing.opening import Opened
 from cagesdf.viewing.worker import PREVIEW_CELLS
 
 TRIES = 5  # draws at most of a style, or of a shape with its style
+
+
+def in_new_style(
+    opened: Opened, document: Document, rng: np.random.Generator, temperature: float, progress: Progress
+) -> Document:
+    """A document in a style that is drawn for its cuboids until the surface holds. Raises InputError."""
+    progress("learning what fits the cuboids")
+    codes = opened.codes()
+
+    def draw() -> Document:
+        return document.then(new_style(codes, rng, document.state, temperature), opened.session.styles)
+
+    return first_that_holds(opened.session, repeat(draw), progress)
+
+
+def new_shape(
+    opened: Opened, start: Document, rng: np.random.Generator, temperature: float, progress: Progress
+) -> Document:
+    """New cuboids in a new style, drawn until the surface holds; `start` is what their script begins with.
+
+    Raises InputError, also for a run without a generator.
+    """
+    if opened.generator is None:
+        raise InputError("this run has no generator of new cuboids")
+    progress("learning which styles fit which cuboids")
+    generator, codes, styles = opened.generator, opened.codes(), opened.session.styles
+
+    def draw() -> Document:
+        samples = draw_cages(generator, rng, 1, temperature)
+        if not samples.kept:
+            raise InputError("; ".join(samples.failures))
+        built = start.then(opened.build(samples.kept[0]), styles)
+        return built.then(new_style(codes, rng, built.state, temperature), styles)
+
+    return first_that_holds(opened.session, repeat(draw), progress)
 
 
 def first_that_holds(session: Session, drawn: Iterable[Callable[[], Document]], progress: Progress) -> Document:

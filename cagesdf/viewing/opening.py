@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from cagesdf.cage_generation.generator import Generated
 from cagesdf.cage_generation.trained import TrainedGenerator
 from cagesdf.editing.naming import KnownParts
+from cagesdf.editing.script import Build
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError, ShapeRejected
 from cagesdf.formats.listing import find_shape, read_shape
@@ -100,6 +102,10 @@ class Opened:
     known_parts: KnownParts  # after which parts of new programs are called
     thumbnails: Thumbnails
     first: str  # id of the shape that a tab begins with
+
+    def build(self, generated: Generated) -> Build:
+        """The operation that leads to new cuboids, their parts named."""
+        return Build(structure=self.known_parts.document(generated.structure, generated.cage))
 
 
 def opened(

@@ -1,6 +1,6 @@
 """The list of parts beside the view: a part's name in its colour and its eye, in folders as the structure has them."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -11,6 +11,7 @@ from cagesdf.editing.parts import part_names
 from cagesdf.editing.state import State
 from cagesdf.structure.base import Structure
 from cagesdf.viewing.colours import Colour
+from cagesdf.viewing.selection import Selection
 
 WIDTH = 250  # pixels
 LONGEST = 22  # letters of a folder's name
@@ -58,14 +59,7 @@ class PartList:
         self._eyes: dict[str, Any] = {}
         self._shown: tuple[object, ...] = ()
 
-    def show(
-        self,
-        state: State,
-        colours: Mapping[str, Colour],
-        selected: Sequence[str],
-        hidden: Set[str],
-        locked: Set[str],
-    ) -> None:
+    def show(self, state: State, colours: Mapping[str, Colour], selection: Selection) -> None:
         """The parts of a state; made anew only for other parts, names or colours."""
         names = part_names(state.structure)
         content = (tuple(names.items()), tuple(colours.items()))
@@ -80,11 +74,11 @@ class PartList:
                 groups = group_names(state.structure)
                 self._add(state.structure, state.structure.root(), names | groups, colours)
         for part, button in self._buttons.items():
-            label = f"▸ {names[part]}" if part in selected else names[part]
+            label = f"▸ {names[part]}" if part in selection.parts else names[part]
             if button.label != label:
                 button.label = label
-            _show_icon(button, viser.Icon.LOCK if part in locked else None)
-            _show_icon(self._eyes[part], viser.Icon.EYE_OFF if part in hidden else viser.Icon.EYE)
+            _show_icon(button, viser.Icon.LOCK if part in selection.locked else None)
+            _show_icon(self._eyes[part], viser.Icon.EYE_OFF if part in selection.hidden else viser.Icon.EYE)
 
     def _add_groups(self, structure: Structure, names: Mapping[str, str]) -> None:
         """A button for all parts of each label that several have."""

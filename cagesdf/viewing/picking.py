@@ -1,7 +1,5 @@
 """Cuboids under the mouse."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -25,19 +23,3 @@ def along(cage: Cage, origin: Float[ndarray, " 3"], direction: Float[ndarray, " 
     distances = entries(cage, origin, direction)
     order = np.argsort(distances, kind="stable").tolist()
     return tuple(cage.part_ids[i] for i in order if np.isfinite(distances[i]))
-
-
-def clicked(parts: Sequence[str], selected: Sequence[str], more: bool) -> tuple[str, ...]:
-    """The selection after a click on `parts`, nearest first.
-
-    The nearest one; when that alone was selected already, the next behind it, so that what is hidden can be reached.
-    With `more` the nearest is added to the others, or taken from them. Nothing, where nothing was clicked.
-    """
-    if not parts:
-        return tuple(selected) if more else ()
-    if more:
-        rest = tuple(part for part in selected if part != parts[0])
-        return rest if parts[0] in selected else (*rest, parts[0])
-    if len(selected) == 1 and selected[0] in parts:
-        return (parts[(parts.index(selected[0]) + 1) % len(parts)],)
-    return (parts[0],)

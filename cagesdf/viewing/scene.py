@@ -18,6 +18,7 @@ from cagesdf.rendering import CLAY, EDGES, rgb
 from cagesdf.viewing.colours import AXES, SELECTED, Colour
 from cagesdf.viewing.framing import VIEWS, camera_for, world_per_pixel
 from cagesdf.viewing.picking import along
+from cagesdf.viewing.selection import Selection
 
 BOX_OPACITY, PLANE_OPACITY = 0.1, 0.4
 EDGE_WIDTH, OUTLINE_WIDTH = 1.5, 4.0  # pixels
@@ -200,18 +201,10 @@ class Stage:
                 piece.color = rgb(CLAY) if look == "Clay" else colours.get(part, rgb(CLAY))
                 piece.wireframe, piece.visible = look == "Wireframe", part not in hidden
 
-    def show_cage(
-        self,
-        cage: Cage,
-        colours: Mapping[str, Colour],
-        selected: Sequence[str],
-        hidden: Set[str],
-        locked: Set[str],
-        shown: bool,
-    ) -> None:
+    def show_cage(self, cage: Cage, colours: Mapping[str, Colour], selection: Selection, shown: bool) -> None:
         """The cuboids: moved while the parts are the same, otherwise made anew. Selecting changes outlines alone."""
-        free = [part for part in cage.part_ids if part not in hidden]
-        self._cage = Cage.of({part: cage[part] for part in free if part not in locked})
+        free = [part for part in cage.part_ids if part not in selection.hidden]
+        self._cage = Cage.of({part: cage[part] for part in free if part not in selection.locked})
         with self._client.atomic():
             if tuple(self._boxes) != cage.part_ids:
                 for box in self._boxes.values():
@@ -224,7 +217,7 @@ class Stage:
             edged = free if shown else []
             part_colours = np.array([colours[part] for part in edged], np.uint8).reshape(-1, 3)
             self._edges = self._lines("/edges", cage, edged, part_colours, EDGE_WIDTH)
-            outlined = [part for part in selected if part in cage.part_ids]
+            outlined = [part for part in selection.parts if part in cage.part_ids]
             pink = np.tile(np.array(SELECTED, np.uint8), (len(outlined), 1))
             self._outline = self._lines("/outline", cage, outlined, pink, OUTLINE_WIDTH)
 

@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import repeat
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -17,20 +16,16 @@ import viser
 from jaxtyping import Float
 from numpy import ndarray
 
-from cagesdf.cage_generation.generator import Generated
 from cagesdf.cuboid import Cage
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
 from cagesdf.editing.parts import parameters, part_names
-from cagesdf.editing.script import Blend, Build, Delete, Mix, Operation, Set, Style, dump
+from cagesdf.editing.script import Blend, Delete, Mix, Operation, Set, Style, dump
 from cagesdf.editing.state import State
-from cagesdf.editing.styles import ranked
-from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction
 from cagesdf.geometry.distance import SurfaceDistance
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.parts.changing import Dissection
-from cagesdf.shape_generation.cages import draw_cages
 from cagesdf.shape_generation.surfaces import of_program
 from cagesdf.structure.base import Structure
 from cagesdf.viewing import files
@@ -38,8 +33,9 @@ from cagesdf.viewing.angles import AXES, angles_of
 from cagesdf.viewing.colours import Colour, part_colours
 from cagesdf.viewing.dissecting import Desk, PartsPage
 from cagesdf.viewing.drafts import Draft, Entry, Page
-from cagesdf.viewing.drawing import first_that_holds, new_style
+from cagesdf.viewing.drawing import in_new_style, new_shape
 from cagesdf.viewing.framing import VIEWS
+from cagesdf.viewing.gallery import Gallery
 from cagesdf.viewing.hand import Hand, Numbers, gizmo_frame, on_top, only
 from cagesdf.viewing.jobs import Jobs, Progress, Stand
 from cagesdf.viewing.keys import KEYS, card
@@ -48,16 +44,15 @@ from cagesdf.viewing.opening import Opened
 from cagesdf.viewing.panel import NOTHING, WHOLE, Actions, Panel
 from cagesdf.viewing.parameters import grouped
 from cagesdf.viewing.partlist import PartList
-from cagesdf.viewing.picking import clicked
 from cagesdf.viewing.refusals import saying
 from cagesdf.viewing.scene import BESIDE, LOOKS, TOOLS, Stage, label_of
+from cagesdf.viewing.selection import Selection
 from cagesdf.viewing.shelf import Shelf
-from cagesdf.viewing.sliding import Control, Sliding
-from cagesdf.viewing.thumbnails import Picture, blank
+from cagesdf.viewing.sliding import Control
 from cagesdf.viewing.uploads import Taken, Upload
 from cagesdf.viewing.worker import FINE_CELLS, Made, Worker
+from cagesdf.viewing.workspace import Workspace
 
-STYLES_SHOWN = 9  # pictures at first, and added by *More styles*
 PATIENCE = 1.0  # seconds; progress of shorter work isn't shown
 
 
@@ -78,9 +73,6 @@ class Tab:
         opened = runs[run]
         self._client, self._opened, self._rng, self._run, self._page = client, opened, rng, run, page
         self._lock = threading.RLock()
-        self._selected: tuple[str, ...] = ()
-        self._hidden: frozenset[str] = frozenset()
-        self._locked: frozenset[str] = frozenset()
         self._coloured: tuple[Structure, dict[str, Colour]] | None = None
         self._made: Made | None = None
         self._previewed: State | None = None  # of a drag, last
@@ -88,15 +80,12 @@ class Tab:
         self._fine_since = time.monotonic()  # the fine surface is being made
         self._asks = False  # whether the page asks before it is left
         self._offered: list[tuple[tuple[int, str], Draft]] = []  # as shown
-        self._styles_shown = STYLES_SHOWN
-        self._ranked: tuple[Structure, list[str]] | None = None
-        self._ends: dict[tuple[str, int, int], Picture] = {}  # by shape, direction and end
-        self._shelf = Shelf(self._fresh, frozenset(opened.session.run.sequences), self._keep)
+        shelf = Shelf(self._fresh, frozenset(opened.session.run.sequences), self._keep)
+        self._space = Workspace(shelf, opened.session.styles, opened.first)
+        self._grounded: Structure | None = None  # whose ground is shown
         self._jobs = Jobs(self._show_stand, self._answered, self._refuse)
         self._problem: Any = None  # the notification of the last one
         self._card: Any = None  # of keys, the last one that was shown
-        self._sliding = Sliding()
-        self._document = self._shelf.take(opened.first)
         self._stage = Stage(client, self._click, self._moved, self._pulled)
         self._panel = Panel(
             client,
@@ -104,9 +93,9 @@ class Tab:
                 open_shape=self._open,
                 restore=self._restore,
                 forget=self._forget,
-                undo=self._undo,
-                redo=self._redo,
-                reset=self._reset,
+                undo=lambda: self._after(self._space.undo),
+                redo=lambda: self._after(self._space.redo),
+                reset=lambda: self._after(self._space.reset),
                 place=self._place,
                 lengths=self._lengths,
                 angles=self._angles,
@@ -119,7 +108,7 @@ class Tab:
                 open_run=open_run,
                 set_parameter=self._set,
                 restyle=self._restyle,
-                more_styles=self._more_styles,
+                more_styles=lambda: self._gallery.show_more_styles(self._space.state),
                 cancel=self._cancel,
                 direct=self._direct,
                 surprise=self._surprise,
@@ -139,36 +128,39 @@ class Tab:
             self._guarded,
             self._answered,
         )
-        self._parts = PartList(client, self._pick, self._blink, self._act, self._guarded)
+        self._gallery = Gallery(opened, self._panel)
+        self._parts = PartList(
+            client,
+            self._pick,
+            lambda part: self._show_or_hide(self._space.selection.blink(part)),
+            self._act,
+            self._guarded,
+        )
         with self._panel.found:
             desk = Desk(
-                lambda: self._document,
-                lambda: self._upload,
-                lambda: self._selected,
+                self._space,
                 self._become,
                 self._jobs.start,
                 self._give,
                 self._stage.show_plane,
             )
-            self._found = PartsPage(client.gui, desk, opened.importer, opened.session.styles, self._guarded)
+            self._found = PartsPage(client.gui, desk, opened.importer, self._guarded)
         self._bind_keys()
         self._panel.shape.value = opened.first
         self._worker = Worker(opened.session, pool, self._show, self._tell, self._refuse)
-        self._stage.show_ground(self._document.state.cage)
-        self._stage.frame(self._document.state.cage, "Perspective")
-        self._redraw()
-        self._show_ends()
+        self._stage.frame(self._space.state.cage, "Perspective")
+        self._gallery.show_ends(self._space.document.shape_id)
         self.offer()
-        self._worker.want(self._document.state)
+        self._show_document()
 
     def _bind_keys(self) -> None:
         actions: dict[str, Callable[[], None]] = {
             **{tool.lower(): partial(self._take_tool, tool) for tool in TOOLS},
             **{view.lower(): partial(self._view, view) for view in VIEWS},
-            "undo": self._undo,
-            "redo": self._redo,
+            "undo": lambda: self._after(self._space.undo),
+            "redo": lambda: self._after(self._space.redo),
             "nothing": self._escape,
-            "everything": lambda: self._select(self._document.state.cage.part_ids),
+            "everything": lambda: self._select(self._space.selection.of(self._space.state.cage.part_ids)),
             "duplicate": partial(self._act, "Duplicate"),
             "delete": partial(self._act, "Delete"),
             "hide": partial(self._act, "Hide"),
@@ -187,20 +179,20 @@ class Tab:
         """Free what the tab holds."""
         self._jobs.cancel()
         self._panel.drop()
-        for kind in ("styles", "ends", "made"):
-            self._opened.thumbnails.forget((id(self), kind))
+        self._gallery.close()
+        self._opened.thumbnails.forget(id(self))
         self._worker.close()
         self._stage.close()
 
     # The view and the panel
 
     def _show(self, made: Made) -> None:
-        if self._unfitted is not None:
+        if self._space.unfitted is not None:
             return
         self._made = made
         mesh, state = made.extraction.mesh, made.state
         with self._client.atomic():  # a frame for cuboids and surface
-            if state is not self._caged and state in (self._document.state, self._previewed):
+            if state is not self._caged and state in (self._space.state, self._previewed):
                 self._show_cage(state)
             self._show_surface(made)
         mark = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()[:8]
@@ -214,8 +206,7 @@ class Tab:
             self._fine_since = time.monotonic()
 
     def _show_surface(self, made: Made) -> None:
-        cage, colours = made.state.cage, self._colours(made.state)
-        self._stage.show_surface(made.extraction, cage, colours, self._hidden, self._panel.look.value)
+        self._stage.show_surface(made.extraction, made.state.cage, *self._appearance(made.state))
 
     def _tell(self, done: float | None) -> None:
         """Show the progress of the fine surface, if it takes long."""
@@ -235,10 +226,10 @@ class Tab:
 
     def _nearness(self, mesh: Mesh) -> str:
         """Mean distance of a canonical surface from that of the file that the shape comes from, in words."""
-        if self._upload is None or not len(mesh.faces):
+        if self._space.upload is None or not len(mesh.faces):
             return ""
-        mean = SurfaceDistance(self._upload.truth).unsigned(mesh.vertices).mean()
-        distance = mean / self._document.state.similarity.scale
+        mean = SurfaceDistance(self._space.upload.truth).unsigned(mesh.vertices).mean()
+        distance = mean / self._space.state.similarity.scale
         return f"; {distance:.2g} file units from the file's surface on average"
 
     def _say(self, text: str) -> None:
@@ -268,41 +259,34 @@ class Tab:
             self._coloured = state.structure, part_colours(state)
         return self._coloured[1]
 
+    def _appearance(self, state: State) -> tuple[dict[str, Colour], frozenset[str], str]:
+        """Colours of the parts, those that are hidden, and the look."""
+        return self._colours(state), self._space.selection.hidden, self._panel.look.value
+
     def _show_handles(self, state: State) -> None:
-        one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
-        self._stage.show_handles(one if self._panel.tool.value == "Resize" else None)
+        self._stage.show_handles(self._space.one(state) if self._panel.tool.value == "Resize" else None)
 
     def _show_cage(self, state: State) -> None:
         self._caged = state
-        self._stage.show_cage(
-            state.cage,
-            self._colours(state),
-            self._selected,
-            self._hidden,
-            self._locked,
-            bool(self._panel.shown.value),
-        )
+        self._stage.show_cage(state.cage, self._colours(state), self._space.selection, bool(self._panel.shown.value))
 
     def _look(self) -> None:
         """Show the surface in the look that is chosen, without the parts that are hidden."""
-        if self._made is None or self._unfitted is not None:
-            self._stage.show_look(self._colours(self._document.state), self._hidden, self._panel.look.value)
+        if self._made is None or self._space.unfitted is not None:
+            self._stage.show_look(*self._appearance(self._space.state))
         else:
             self._show_surface(self._made)
 
     def _redraw(self, state: State | None = None) -> None:
         """Show cuboids, gizmo and numbers: of the document, or of a state during a drag."""
-        state = state or self._document.state
-        names = part_names(state.structure)
-        self._selected = tuple(part for part in self._selected if part in names)
+        state = state or self._space.state
         self._show_cage(state)
-        centre, axes = gizmo_frame(state, self._selected)
+        centre, axes = gizmo_frame(state, self._space.selection.parts)
         tool = self._panel.tool.value
         self._stage.show_gizmo(centre, axes, tool)
         self._show_handles(state)
-        one = state.cage[self._selected[0]] if len(self._selected) == 1 else None
-        colours = self._colours(state)
-        self._parts.show(state, colours, self._selected, self._hidden, self._locked)
+        one = self._space.one(state)
+        self._parts.show(state, self._colours(state), self._space.selection)
         unit = state.similarity
         self._panel.show_cuboid(
             None if one is None else unit.to_raw(one.centre[None])[0],
@@ -313,10 +297,11 @@ class Tab:
         values = {} if placed is None else parameters(placed[0])
         self._panel.show_program(values, grouped(state.structure, values))
         self._panel.show_style(self._opened.styles.places(state.latent))
-        self._panel.show_shapes(self._shelf.made, self._document.name)
+        self._panel.show_shapes(self._space.shelf.made, self._space.document.name)
         self._panel.show_target(self._target or WHOLE)
-        self._show_styles(state)
-        truth = self._opened.truth(self._document.name) if self._upload is None else self._upload.truth
+        self._gallery.show_styles(state)
+        upload = self._space.upload
+        truth = self._opened.truth(self._space.document.name) if upload is None else upload.truth
         self._panel.truth.visible = truth is not None
         self._stage.show_truth(truth, self._panel.truth.value)
         self._found.show()
@@ -324,67 +309,31 @@ class Tab:
     # Selection
 
     def _click(self, parts: tuple[str, ...], more: bool) -> None:
-        self._guarded(lambda: self._select(clicked(parts, self._selected, more)))
+        self._guarded(lambda: self._select(self._space.selection.clicked(parts, more)))
 
     def _pick(self, parts: tuple[str, ...], more: bool) -> None:
-        """An entry of the list was clicked; with `more` it is added, or taken away if it is all selected."""
-        if not more:
-            self._select(parts)
-        elif set(parts) <= set(self._selected):
-            self._select(tuple(part for part in self._selected if part not in parts))
-        else:
-            self._select(tuple(dict.fromkeys((*self._selected, *parts))))
+        self._select(self._space.selection.listed(parts, more))
 
-    def _select(self, parts: tuple[str, ...]) -> None:
-        self._selected = parts
+    def _select(self, selection: Selection) -> None:
+        self._space.selection = selection
         self._redraw()
-        self._say(f"selected: {label_of(part_names(self._document.state.structure), parts)}")
-
-    @property
-    def _names(self) -> list[str]:
-        """Names of the parts that are selected."""
-        names = part_names(self._document.state.structure)
-        return [names[part] for part in self._selected]
-
-    @property
-    def _pattern(self) -> str:
-        """The selection, for an operation. Raises InputError where nothing is selected, or a part is locked."""
-        if not self._selected:
-            raise InputError("no part is selected; click those that are meant")
-        for part, name in zip(self._selected, self._names):
-            if part in self._locked:
-                raise InputError(f"{name} is locked; select it in the list and press Lock again")
-        return "|".join(self._names)
+        self._say(f"selected: {label_of(part_names(self._space.state.structure), selection.parts)}")
 
     @property
     def _hand(self) -> Hand:
-        """The selection, for operations. Raises InputError as `_pattern`."""
-        return self._hand_on(self._document.state)
+        return self._held(self._space.state)
 
-    def _hand_on(self, state: State) -> Hand:
-        return Hand(state, self._selected, self._pattern, self._followers)
+    def _held(self, state: State) -> Hand:
+        return self._space.hand(state, self._followers)
 
-    def _hide(self) -> None:
-        self._hidden |= frozenset(self._selected)
-        self._selected = ()
-        self._look()
-        self._redraw()
-
-    def _blink(self, part: str) -> None:
-        """Hide a part, or show it again."""
-        self._hidden ^= {part}
-        self._selected = tuple(other for other in self._selected if other not in self._hidden)
-        self._look()
-        self._redraw()
-
-    def _show_all(self) -> None:
-        self._hidden = frozenset()
+    def _show_or_hide(self, selection: Selection) -> None:
+        """Show a selection that hides other parts than the one before."""
+        self._space.selection = selection
         self._look()
         self._redraw()
 
     def _lock_or_free(self) -> None:
-        parts = frozenset(self._selected)
-        self._locked = self._locked - parts if parts <= self._locked else self._locked | parts
+        self._space.selection = self._space.selection.lock_or_free()
         self._redraw()
 
     # Tools, views and looks
@@ -394,18 +343,18 @@ class Tab:
         self._redraw()
 
     def _view(self, view: str) -> None:
-        self._stage.frame(self._document.state.cage, view)
+        self._stage.frame(self._space.state.cage, view)
 
     def _compare(self) -> None:
         """The true surface beside the other, and both in view."""
         self._redraw()
-        cage = self._document.state.cage
+        cage = self._space.state.cage
         beside = {f"{part} beside": replace(own, centre=own.centre + BESIDE) for part, own in cage.cuboids().items()}
         self._stage.frame(Cage.of({**cage.cuboids(), **(beside if self._panel.truth.value > 0 else {})}))
 
     def _frame_selection(self) -> None:
-        cage = self._document.state.cage
-        self._stage.frame(only(cage, self._selected) if self._selected else cage)
+        cage = self._space.state.cage
+        self._stage.frame(only(cage, self._space.selection.parts) if self._space.selection.parts else cage)
 
     def _next_look(self) -> None:
         self._panel.look.value = LOOKS[(LOOKS.index(self._panel.look.value) + 1) % len(LOOKS)]
@@ -438,98 +387,86 @@ class Tab:
         if self._card_is_shown:
             self._card.close()
         else:
-            self._select(())
+            self._select(self._space.selection.of(()))
 
     # Parts that come and go
 
     def _act(self, word: str) -> None:
         """The action of a button of the list."""
         actions = {
-            "Hide": self._hide,
+            "Hide": lambda: self._show_or_hide(self._space.selection.hide()),
             "Lock": self._lock_or_free,
-            "Show all": self._show_all,
+            "Show all": lambda: self._show_or_hide(self._space.selection.show_all()),
             "Duplicate": self._duplicate,
-            "Split": lambda: self._do_and_select(self._hand.split()),
+            "Split": lambda: self._add(self._hand.split()),
             "Delete": self._delete,
-            "Add": lambda: self._do_and_select(on_top(self._document.state)),
+            "Add": lambda: self._add(on_top(self._space.state)),
         }
         actions[word]()
 
     def _delete(self) -> None:
         """Delete what is selected, and nothing else: what mirrors it stays."""
-        names = ", ".join(self._names)
-        self._do(Delete(part=self._pattern, mirror=False))
+        names = self._space.names
+        self._do(Delete(part=self._space.pattern, mirror=False))
         self._say(f"deleted: {names}")
 
     def _duplicate(self) -> None:
-        self._do_and_select(self._hand.duplicate())
+        self._add(self._hand.duplicate())
         self._panel.repeat.value = False
-        self._say(f"{', '.join(self._names)}: copied; repeated parts don't follow now")
-
-    def _do_and_select(self, operation: Operation) -> None:
-        """Do an operation, and select the parts that it adds."""
-        before = self._document.state.cage.part_ids
-        self._do(operation)
-        self._select(tuple(part for part in self._document.state.cage.part_ids if part not in before))
+        self._say(f"{self._space.names}: copied; repeated parts don't follow now")
 
     # Operations
 
     def _do(self, operation: Operation, control: Control = ()) -> None:
         """Do an operation; one of the same control replaces the one before."""
-        self._slide(control, lambda _: [operation])
+        self._space.do(operation, control)
+        self._show_document()
 
     def _slide(self, control: Control, operations: Callable[[State], Iterable[Operation]]) -> None:
         """Do what a control says of the state before it began to change."""
-        self._check_fitted()
-        self._take_over(self._sliding.changed(self._document, control, operations, self._opened.session.styles))
+        self._space.slide(control, operations)
+        self._show_document()
+
+    def _add(self, operation: Operation) -> None:
+        """Do an operation that adds parts, which are selected then."""
+        self._space.add(operation)
+        self._show_document()
 
     def _become(self, document: Document) -> None:
-        """Show another document, to which no control led."""
-        self._sliding.end()
-        self._take_over(document)
+        self._after(lambda: self._space.become(document))
 
-    def _take_over(self, document: Document) -> None:
-        if document.state.structure is not self._document.state.structure:
+    def _after(self, act: Callable[[], None]) -> None:
+        """Change the open document, and show it."""
+        act()
+        self._show_document()
+
+    def _show_document(self) -> None:
+        """Show the open document, and have its surface made."""
+        document = self._space.document
+        if document.state.structure is not self._grounded:
+            self._grounded = document.state.structure
             self._stage.show_ground(document.state.cage)
-        self._document = document
-        self._shelf.put(document)
         self._redraw()
-        if self._unfitted is not None:
-            self._show_parts(self._unfitted)
+        if self._space.unfitted is not None:
+            self._show_parts(self._space.unfitted)
             return
         self._panel.surface.value, self._panel.mark.value = "being made", ""
         self._say(f"{document.name}: its surface is being made")
         self._worker.want(document.state)
-
-    # The mesh that the open shape comes from
-
-    @property
-    def _upload(self) -> Upload | None:
-        return self._shelf.upload(self._document.name)
-
-    @property
-    def _unfitted(self) -> Dissection | None:
-        """The parts of the mesh as they were changed, if the network hasn't seen them yet."""
-        return None if self._upload is None else self._upload.unfitted(self._document)
-
-    def _check_fitted(self) -> None:
-        if self._unfitted is not None:
-            raise InputError("the parts of the mesh were changed: press Fit again (in Found parts) first, or undo")
 
     def _show_parts(self, dissection: Dissection) -> None:
         """The mesh itself, in its parts."""
         self._made = None
         self._worker.rest()
         solids = {part.name: part.mesh for part in dissection.result.parts}
-        self._stage.show_parts(solids, self._colours(self._document.state), self._hidden, self._panel.look.value)
+        self._stage.show_parts(solids, *self._appearance(self._space.state))
         self._panel.surface.value, self._panel.mark.value = "the mesh itself, in its parts", ""
         self._panel.show_health("of the network's surface, once it is fitted again", ())
-        self._say(f"{self._document.name}: {len(solids)} parts, not fitted yet")
+        self._say(f"{self._space.document.name}: {len(solids)} parts, not fitted yet")
 
     def _preview(self, operation: Operation) -> None:
         """Show the result of an operation while a hand is still dragging: the cuboids with their surface."""
-        self._check_fitted()
-        self._previewed = self._document.then(operation, self._opened.session.styles).state
+        self._previewed = self._space.tried(operation)
         if self._panel.tool.value == "Resize":
             self._show_handles(self._previewed)
         self._worker.want(self._previewed)
@@ -566,13 +503,13 @@ class Tab:
         return {"mirror": self._mirror, "repeat": self._repeat, "attach": attach, "details": details}
 
     def _place(self, centre: Numbers) -> None:
-        self._slide(("centre", self._selected), lambda state: [self._hand_on(state).placed(centre)])
+        self._slide(("centre", self._space.selection.parts), lambda state: [self._held(state).placed(centre)])
 
     def _lengths(self, lengths: Numbers) -> None:
-        self._slide(("lengths", self._selected), lambda state: self._hand_on(state).resized(lengths))
+        self._slide(("lengths", self._space.selection.parts), lambda state: self._held(state).resized(lengths))
 
     def _angles(self, angles: Numbers) -> None:
-        self._slide(("angles", self._selected), lambda state: self._hand_on(state).turned(angles))
+        self._slide(("angles", self._space.selection.parts), lambda state: self._held(state).turned(angles))
 
     def _set(self, parameter: str, value: float) -> None:
         if parameter != NOTHING:
@@ -583,20 +520,20 @@ class Tab:
     @property
     def _target(self) -> str:
         """Names of the parts that a style is for; empty for the whole shape."""
-        return ", ".join(self._names) if self._opened.session.styles.by_part else ""
+        return self._space.names if self._opened.session.styles.by_part else ""
 
     def _restyle(self, shape_id: str, weight: float) -> None:
         if shape_id == NOTHING:
             return
         if self._target:
             follow = {"mirror": self._mirror, "repeat": self._repeat, "details": self._panel.details.value}
-            mix = Mix(part=self._pattern, style_of=shape_id, weight=weight, **follow)
-            self._do(mix, ("mix", self._selected, shape_id))
+            mix = Mix(part=self._space.pattern, style_of=shape_id, weight=weight, **follow)
+            self._do(mix, ("mix", self._space.selection.parts, shape_id))
         else:
             self._do(Blend(style_of=shape_id, weight=weight), ("blend", shape_id))
 
     def _direct(self, direction: int, place: float) -> None:
-        state = self._document.state
+        state = self._space.state
         code = self._opened.styles.moved(state.latent, direction, place)
         residuals = {
             part: tuple(state.residuals[seen].tolist())
@@ -607,58 +544,14 @@ class Tab:
 
     def _surprise(self, temperature: float) -> None:
         """A new style, drawn until the surface holds."""
-        self._check_fitted()
-        document, rng, styles = self._document, self._rng.spawn(1)[0], self._opened.session.styles
+        self._space.check_fitted()
+        document, rng = self._space.document, self._rng.spawn(1)[0]
 
         def work(progress: Progress) -> Callable[[], None]:
-            progress("learning what fits the cuboids")
-            codes = self._opened.codes()
-
-            def draw() -> Document:
-                return document.then(new_style(codes, rng, document.state, temperature), styles)
-
-            drawn = first_that_holds(self._opened.session, repeat(draw), progress)
+            drawn = in_new_style(self._opened, document, rng, temperature, progress)
             return lambda: self._do(drawn.script[-1])
 
         self._jobs.start("New style", work)
-
-    def _more_styles(self) -> None:
-        self._styles_shown += STYLES_SHOWN
-        self._show_styles(self._document.state)
-
-    def _show_styles(self, state: State) -> None:
-        """Pictures of the styles, those that fit best first; a new order where the structure is another one."""
-        if self._ranked is None or self._ranked[0] is not state.structure:
-            self._ranked = state.structure, ranked(state, self._opened.session.styles)
-        names = self._ranked[1]
-        if not self._panel.show_styles(names, self._styles_shown):
-            return
-        states = {name: partial(self._opened.session.opened, name) for name in names[: self._styles_shown]}
-        self._opened.thumbnails.want((id(self), "styles"), states, self._panel.styles.put)
-
-    def _show_ends(self) -> None:
-        """Pictures of the shape that is open at both ends of each principal direction."""
-        shape_id, space = self._document.shape_id, self._opened.styles
-        self._ends = {}
-
-        def at(direction: int, end: int) -> State:
-            state = self._opened.session.opened(shape_id)
-            place = float(space.ends[direction, end])
-            return replace(state, latent=space.moved(state.latent, direction, place))
-
-        def show(key: tuple[str, int, int], picture: Picture) -> None:
-            owner, direction, _ = key
-            if owner == self._document.shape_id:
-                self._ends[key] = picture
-                pair = [self._ends.get((owner, direction, end), blank()) for end in (0, 1)]
-                self._panel.ends[direction].image = np.hstack(pair)
-
-        states = {
-            (shape_id, direction, end): partial(at, direction, end)
-            for direction in range(len(space.directions))
-            for end in (0, 1)
-        }
-        self._opened.thumbnails.want((id(self), "ends"), states, show)
 
     # Shapes
 
@@ -666,68 +559,40 @@ class Tab:
         return Document.opened(shape_id, self._opened.session.opened(shape_id))
 
     def _open(self, name: str) -> None:
-        self._take(self._shelf.take(name))
+        self._take(self._space.shelf.take(name))
 
     def _take(self, document: Document) -> None:
         """Open another document."""
-        self._selected, self._hidden, self._locked = (), frozenset(), frozenset()
         self._panel.style.value = NOTHING
-        other = document.shape_id != self._document.shape_id
-        self._become(document)
+        self._after(lambda: self._space.open(document))
         self._stage.frame(document.state.cage, "Perspective")
-        if other:
-            self._show_ends()
+        self._gallery.show_ends(document.shape_id)
 
     def _remember(self, document: Document, upload: Upload | None) -> None:
         """A shape that was made here: in the list, with a thumbnail, and open."""
-        self._show_made(self._shelf.add(document, upload))
+        self._show_made(self._space.shelf.add(document, upload))
 
     def _show_made(self, document: Document) -> None:
         self._take(document)
-        made = self._shelf.made
+        made = self._space.shelf.made
         self._panel.made.show(made)
         states = {(id(self), name): partial(self._first_state, name) for name in made}
-        owner = id(self), "made"
-        self._opened.thumbnails.want(owner, states, lambda key, picture: self._panel.made.put(key[1], picture), True)
+        self._opened.thumbnails.want(
+            id(self), states, lambda key, picture: self._panel.made.put(key[1], picture), urgent=True
+        )
 
     def _first_state(self, name: str) -> State:
-        return self._shelf.reset(name).state
-
-    def _undo(self) -> None:
-        self._become(self._shelf.undone(self._document.name, self._opened.session.styles))
-
-    def _redo(self) -> None:
-        self._become(self._document.redone(self._opened.session.styles))
-
-    def _reset(self) -> None:
-        self._become(self._shelf.reset(self._document.name))
+        return self._space.shelf.reset(name).state
 
     def _generate(self, temperature: float) -> None:
         """A new shape in a new style, drawn until its surface holds."""
-        generator, start, rng = self._opened.generator, self._document.reset(), self._rng.spawn(1)[0]
-        if generator is None:
-            raise InputError("this run has no generator of new cuboids")
-        styles = self._opened.session.styles
+        start, rng = self._space.document.reset(), self._rng.spawn(1)[0]
 
         def work(progress: Progress) -> Callable[[], None]:
-            progress("learning which styles fit which cuboids")
-            codes = self._opened.codes()
-
-            def draw() -> Document:
-                samples = draw_cages(generator, rng, 1, temperature)
-                if not samples.kept:
-                    raise InputError("; ".join(samples.failures))
-                built = start.then(self._build(samples.kept[0]), styles)
-                return built.then(new_style(codes, rng, built.state, temperature), styles)
-
-            drawn = first_that_holds(self._opened.session, repeat(draw), progress)
+            drawn = new_shape(self._opened, start, rng, temperature, progress)
             return lambda: self._remember(drawn.named("new"), None)
 
         self._jobs.start("New shape", work)
-
-    def _build(self, generated: Generated) -> Build:
-        """The operation that leads to new cuboids, their parts named."""
-        return Build(structure=self._opened.known_parts.document(generated.structure, generated.cage))
 
     # Work that outlives the page
 
@@ -737,18 +602,18 @@ class Tab:
 
     def _ask(self) -> None:
         """Have the page ask before it is left, if something would be lost."""
-        if self._shelf.unsaved != self._asks:
-            self._asks = self._shelf.unsaved
+        if self._space.shelf.unsaved != self._asks:
+            self._asks = self._space.shelf.unsaved
             ask_before_leaving(self._client, self._asks)
 
     def offer(self) -> None:
         """Offer the drafts of this browser's pages that are closed."""
         self._offered = list(self._page.offered(self._run).items())
-        self._panel.show_drafts([_in_words(draft, time.time()) for _, draft in self._offered])
+        self._panel.show_drafts([draft.in_words(time.time()) for _, draft in self._offered])
 
     def _restore(self, number: int) -> None:
         key, draft = self._offered[number]
-        document = self._shelf.restore(draft, self._opened.session.styles)
+        document = self._space.shelf.restore(draft, self._opened.session.styles)
         self._page.drop(key)
         self._show_made(document)
         self.offer()
@@ -761,32 +626,32 @@ class Tab:
     # Files
 
     def _save(self) -> None:
-        name = f"{self._document.name}.json"
-        self._client.send_file_download(name, dump(self._document.script).encode(), save_immediately=True)
+        name = f"{self._space.document.name}.json"
+        self._client.send_file_download(name, dump(self._space.document.script).encode(), save_immediately=True)
         self._saved()
 
     def _saved(self) -> None:
-        self._shelf.save(self._document.name)
+        self._space.shelf.save(self._space.document.name)
         self._ask()
 
     def _load(self, name: str, content: bytes) -> None:
         with files.script_called(name):
             script = files.script_of(name, content)
-            document = self._fresh(self._document.shape_id).continued(script, self._opened.session.styles)
-        self._shelf.take(document.name)
+            document = self._fresh(self._space.document.shape_id).continued(script, self._opened.session.styles)
+        self._space.shelf.take(document.name)
         self._become(document)
-        self._say(f"{name}: {len(script)} operations on {self._document.shape_id}")
+        self._say(f"{name}: {len(script)} operations on {self._space.document.shape_id}")
 
     def _export(self, ending: str) -> None:
-        self._write(f"{self._document.name}.{ending}", ending, files.exported)
+        self._write(f"{self._space.document.name}.{ending}", ending, files.exported)
 
     def _export_cuboids(self, ending: str) -> None:
-        self._write(f"{self._document.name}-cuboids.{ending}", ending, files.exported_boxes)
+        self._write(f"{self._space.document.name}-cuboids.{ending}", ending, files.exported_boxes)
 
     def _write(self, name: str, ending: str, content_of: Callable[[Extraction, State, str], bytes]) -> None:
         """Download a file that equals the one of `cagesdf edit`."""
-        self._check_fitted()
-        state, made = self._document.state, self._made
+        self._space.check_fitted()
+        state, made = self._space.state, self._made
 
         def work(progress: Progress) -> Callable[[], None]:
             if made is not None and made.state is state and made.cells == FINE_CELLS:
@@ -809,7 +674,7 @@ class Tab:
         self._say(f"{name}: {len(content):,} bytes")
 
     def _upload_parts(self, name: str, content: bytes) -> None:
-        start, styles, importer = self._document.reset(), self._opened.session.styles, self._opened.importer
+        start, styles, importer = self._space.document.reset(), self._opened.session.styles, self._opened.importer
 
         def work(progress: Progress) -> Callable[[], None]:
             progress("reading")
@@ -828,14 +693,5 @@ class Tab:
 
     def _upload_program(self, name: str, content: bytes) -> None:
         program = of_program(files.program_of(name, content), self._opened.session.run)
-        document = self._document.reset().then(self._build(program), self._opened.session.styles)
+        document = self._space.document.reset().then(self._opened.build(program), self._opened.session.styles)
         self._remember(document.named(PurePosixPath(name).stem), None)
-
-
-def _in_words(draft: Draft, now: float) -> str:
-    """Name, number of changes and age of a draft."""
-    changes = len(draft.script) - draft.made
-    minutes = max(now - draft.time, 0) / 60
-    age = "just now" if minutes < 1 else f"{minutes:.0f} min ago" if minutes < 60 else f"{minutes / 60:.0f} h ago"
-    what = f"{changes} change{'s' * (changes != 1)}" if changes else "as it was made"
-    return f"Continue {draft.name}: {what}, {age}"

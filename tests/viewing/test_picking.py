@@ -1,6 +1,4 @@
-"""Rays meet the cuboids that a walk along them meets, and clicks reach every one of those."""
-
-from itertools import accumulate
+"""Rays meet the cuboids that a walk along them meets."""
 
 import numpy as np
 import pytest
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cagesdf.cuboid import Cage
-from cagesdf.viewing.picking import along, clicked, entries
+from cagesdf.viewing.picking import along, entries
 
 FAR, STEPS = 4.0, 4001
 
@@ -61,24 +59,3 @@ def test_the_nearest_comes_first_whatever_the_order_of_parts() -> None:
         assert found == along(again, origin, direction)
         ways = dict(zip(cage.part_ids, entries(cage, origin, direction)))
         assert [ways[part] for part in found] == sorted(way for way in ways.values() if np.isfinite(way))
-
-
-parts = st.lists(st.sampled_from("abcde"), unique=True)
-
-
-@given(parts.filter(bool), parts)
-def test_clicks_in_one_place_go_through_all_that_is_there(there: list[str], selected: list[str]) -> None:
-    seen = accumulate(there, lambda now, _: clicked(there, now, more=False), initial=tuple(selected))
-    assert sorted([*seen][1:]) == sorted((part,) for part in there)
-
-
-@given(parts, parts)
-def test_more_adds_the_nearest_or_takes_it_away_again(there: list[str], selected: list[str]) -> None:
-    once = clicked(there, selected, more=True)
-    assert set(once) ^ set(selected) == set(there[:1])
-    assert set(clicked(there, once, more=True)) == set(selected)
-
-
-def test_a_click_beside_everything_selects_nothing() -> None:
-    assert clicked((), ("a", "b"), more=False) == ()
-    assert clicked((), ("a", "b"), more=True) == ("a", "b")
