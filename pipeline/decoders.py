@@ -12,8 +12,11 @@ Class = ast.ClassDef
 
 
 @cache
-def decoder_sizes() -> dict[str, tuple[str, ...]]:
-    """The names of the arguments of each class that DECODERS of cagesdf/models/arms.py lists, by the class's name."""
+def decoder_sizes() -> dict[str, dict[str, str]]:
+    """The arguments of each class that DECODERS of cagesdf/models/arms.py lists, with their types as they are written.
+
+    By the class's name.
+    """
     registry = next(
         node.value
         for node in _parsed(MODELS / "arms.py").body
@@ -26,11 +29,11 @@ def decoder_sizes() -> dict[str, tuple[str, ...]]:
     return {name: _arguments(name, classes) for name in names}
 
 
-def _arguments(name: str, classes: dict[str, Class]) -> tuple[str, ...]:
-    """Arguments of a class's own `__init__`, or of its first base's."""
+def _arguments(name: str, classes: dict[str, Class]) -> dict[str, str]:
+    """Arguments and types of a class's own `__init__`, or of its first base's."""
     for node in classes[name].body:
         if isinstance(node, ast.FunctionDef) and node.name == "__init__":
-            return tuple(argument.arg for argument in node.args.args[1:])
+            return {each.arg: ast.unparse(each.annotation) for each in node.args.args[1:] if each.annotation}
     return _arguments(ast.unparse(classes[name].bases[0]), classes)
 
 

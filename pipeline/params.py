@@ -8,7 +8,8 @@ A stage that reads a folder for each category or arm has the names in its parame
 alone has them in the file, and `dvc.yaml` lists them among the stage's `params`.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,6 +26,14 @@ NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^\w[\w.-]*$")]  # of a folder
 Names = Annotated[tuple[Name, ...], Field(min_length=1)]
+
+
+# Numbers that a decoder alone has, by their type as it is written there.
+OWN: dict[str, Callable[[Any], bool]] = {
+    "int": lambda value: type(value) is int and value >= 1,
+    "float": lambda value: type(value) in (int, float) and math.isfinite(value),
+}
+WANTED = {"int": "a whole number of at least 1", "float": "a finite number"}
 
 
 class ParamsError(PipelineError):
@@ -122,7 +131,7 @@ class SampleParams(Params):
 
 
 class TrainParams(Params):
-    """One arm: network, data and schedule; and whole numbers that its decoder alone is made with."""
+    """One arm: network, data and schedule; and numbers that its decoder alone is made with."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -417,11 +426,10 @@ def wrong_sizes(place: str, params: Any) -> Iterator[str]:
     for name, value in extra.items():
         if name not in sizes:
             yield f"{place}.{name}: extra inputs are not permitted, got {value!r}"
-        elif type(value) is not int or value < 1:
-            yield (
-                f"{place}.{name}: wanted a whole number of at least 1, got {value!r}; "
-                f"make any other value a constant beside {params.decoder}"
-            )
+        elif sizes[name] not in OWN:
+            yield f"{place}.{name}: {params.decoder} has it as {sizes[name]}; wanted {' or '.join(OWN)}, or a constant"
+        elif not OWN[sizes[name]](value):
+            yield f"{place}.{name}: wanted {WANTED[sizes[name]]}, got {value!r}"
     for name in sizes:
         if name not in extra and name not in TrainParams.model_fields:
             yield f"{place}.{name}: field required; {params.decoder} is made with it"

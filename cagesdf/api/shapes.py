@@ -44,11 +44,12 @@ from cagesdf.editing.script import (
 from cagesdf.editing.session import Live, Session, as_given
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
+from cagesdf.exported import ExportedShape
 from cagesdf.extraction import LOOSE, Each, Extraction
 from cagesdf.frames import Similarity
 from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.inference import shapes as inference
-from cagesdf.io.exports import Model, check_name, write_model
+from cagesdf.io.exports import check_name, write_export
 from cagesdf.io.files import check_folder, replacing
 from cagesdf.seeds import item_rng
 from cagesdf.structure.base import Structure
@@ -100,32 +101,32 @@ class ModelledShape(ABC):
             names[part]: cuboid.transformed(to_files).permuted(naming) for part, cuboid in self.cage.cuboids().items()
         }
 
-    def model(self, surface: Extraction) -> Model:
+    def exported(self, surface: Extraction) -> ExportedShape:
         """A surface that `extract` gave, its parts and cuboids as files hold them, in the files' frame and unit."""
-        model = as_given(surface.mesh, surface.parts, self.cage, self.structure, self.similarity)
-        if not is_closed(model.surface) or signed_volume(model.surface) <= 0:
-            given = "a surface that isn't closed" if len(model.surface.faces) else "no surface at all"
+        exported = as_given(surface.mesh, surface.parts, self.cage, self.structure, self.similarity)
+        if not is_closed(exported.surface) or signed_volume(exported.surface) <= 0:
+            given = "a surface that isn't closed" if len(exported.surface.faces) else "no surface at all"
             raise InputError(f"the network gives {given}, nothing was written; train longer or raise the resolution")
-        return model
+        return exported
 
     def mesh(self, resolution: int = RESOLUTION) -> trimesh.Trimesh:
         """The surface: closed, outward, in the files' frame and unit."""
-        model = self.model(self.extract(resolution))
-        return _trimesh(model.surface, model)
+        exported = self.exported(self.extract(resolution))
+        return _trimesh(exported.surface, exported)
 
     def parts(self, resolution: int = RESOLUTION) -> dict[str, trimesh.Trimesh]:
         """The closed mesh of each part by name; the surface is their union. Frame and unit as `mesh`."""
-        model = self.model(self.extract(resolution))
-        return {name: _trimesh(part, model) for name, part in model.parts.items()}
+        exported = self.exported(self.extract(resolution))
+        return {name: _trimesh(part, exported) for name, part in exported.parts.items()}
 
     def save(self, path: Path | str, resolution: int = RESOLUTION) -> None:
         """Write the surface into a folder that exists: as .ply or .stl, or with its parts, as .obj or .glb."""
         path = Path(path)
         check_name(path)
         check_folder(path)
-        model = self.model(self.extract(resolution))
+        exported = self.exported(self.extract(resolution))
         with replacing(path) as partial:
-            write_model(partial, model)
+            write_export(partial, exported)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.title}; {len(self.cage)} cuboids>"
@@ -144,8 +145,8 @@ def _listed(values: object) -> Any:
     return tuple(values) if isinstance(values, Iterable) else values
 
 
-def _trimesh(mesh: Mesh, model: Model) -> trimesh.Trimesh:
-    return trimesh.Trimesh(mesh.vertices + model.origin, mesh.faces, process=False)
+def _trimesh(mesh: Mesh, exported: ExportedShape) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices + exported.origin, mesh.faces, process=False)
 
 
 class EditableShape(ModelledShape):

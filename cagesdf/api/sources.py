@@ -11,11 +11,11 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from cagesdf.errors import InputError, ShapeRejected
+from cagesdf.exported import FAR
 from cagesdf.formats.listing import ShapeSource, find_shape, find_shapes, read_shape
 from cagesdf.formats.parts_folder import flat_shape
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.importing import import_shape, signed_distances, verdict
-from cagesdf.io.exports import FAR
 from cagesdf.shape import RawShape, Shape
 
 # As `make own` imports shapes.

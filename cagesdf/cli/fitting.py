@@ -54,14 +54,18 @@ def fit(
     cells = f"{len(fitted.cage)} parts with {resolution} cells"
     with working(f"evaluating {cells}", seconds, "extract"), side_by_side(len(fitted.cage)) as each:
         surface = fitted.extract(resolution, loose, each)
-        model = fitted.model(surface)
+        exported = fitted.exported(surface)
     with working("measuring how far the surface is from the shape", seconds, "measure"):
         report = fitted.report(surface, seed)
     health = Health.of(surface, fitted.editable().state, resolution)
-    report |= {"vertices": len(model.surface.vertices), "faces": len(model.surface.faces), "dropped": surface.dropped}
+    report |= {
+        "vertices": len(exported.surface.vertices),
+        "faces": len(exported.surface.faces),
+        "dropped": surface.dropped,
+    }
     fit = fitted.fit
     with new_folder(out_dir) as folder:
-        write_fit(folder, fit.prepared.fitted, fit.inferred.code, fit.inferred.residual, model, report)
+        write_fit(folder, fit.prepared.fitted, fit.inferred.code, fit.inferred.residual, exported, report)
     warn(health.warnings())
     distance = f"surface {report['surface_distance']} % of the longest side from the shape's"
     sentence = (

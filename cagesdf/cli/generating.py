@@ -180,12 +180,12 @@ def _health(shape: "GeneratedShape", resolution: int) -> dict[str, Any]:
 def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending: str) -> dict[str, Any]:
     """Write a shape's files; its line of the index."""
     from cagesdf.editing.parts import part_names
-    from cagesdf.io.exports import write_model
+    from cagesdf.io.exports import write_export
 
     entry: dict[str, Any] = {"id": shape.shape_id, "status": shape.status, "mesh": None, "structure": None}
     if len(shape.mesh.faces):
         entry["mesh"] = f"{shape.shape_id}.{ending}"
-        write_model(folder / entry["mesh"], _model(shape))
+        write_export(folder / entry["mesh"], _exported(shape))
     if shape.structure is not None:
         placed = shape.structure.placed_program()
         entry["structure"] = f"{shape.shape_id}.{'txt' if placed else 'json'}"
@@ -199,22 +199,22 @@ def _entry(folder: Path, shape: "GeneratedShape", row: Mapping[str, Any], ending
     return entry | {name: row[name] for name in kept} | {"part_names": names} | numbers
 
 
-def _model(shape: "GeneratedShape") -> Any:
+def _exported(shape: "GeneratedShape") -> Any:
     """The surface and its parts, with the cuboids; of an arm without cuboids it is one part in its bounding box."""
     import numpy as np
 
     from cagesdf.cuboid import CORNER_ORDER
     from cagesdf.editing.session import as_given
+    from cagesdf.exported import ExportedShape
     from cagesdf.frames import Similarity
     from cagesdf.geometry.meshes import Mesh
     from cagesdf.geometry.solid import CUBE_FACES
-    from cagesdf.io.exports import Model
 
     if shape.structure is not None:
         return as_given(shape.mesh, shape.parts, shape.cage, shape.structure, Similarity(1.0, np.eye(3), np.zeros(3)))
     low, high = shape.mesh.vertices.min(axis=0), shape.mesh.vertices.max(axis=0)
     box = Mesh((low + high) / 2 + CORNER_ORDER * (high - low), CUBE_FACES)
-    return Model.of(shape.mesh, shape.parts, {"shape": box})
+    return ExportedShape.of(shape.mesh, shape.parts, {"shape": box})
 
 
 def _sheet(path: Path, shapes: "list[GeneratedShape]") -> None:

@@ -78,10 +78,11 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
 
     from cagesdf.api.sources import IMPORT
     from cagesdf.errors import ShapeRejected
+    from cagesdf.exported import ExportedShape
     from cagesdf.formats.listing import find_shape, read_shape
     from cagesdf.geometry.meshes import Mesh
     from cagesdf.geometry.solid import CUBE_FACES, union
-    from cagesdf.io.exports import Model, write_model
+    from cagesdf.io.exports import write_export
     from cagesdf.parts.changing import Dissection
     from cagesdf.parts.written import SUFFIX, written_json
 
@@ -107,9 +108,9 @@ def parts(source: Path, out: Path, /, *, change: tuple[str, ...] = (), as_json: 
     }
     solids = {part.name: as_given(part.mesh) for part in result.parts}
     with working("joining the parts"):
-        model = Model.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
+        exported = ExportedShape.of(as_given(union([part.mesh for part in result.parts])), solids, boxes)
     with new_folder(out) as folder:
-        write_model(folder / f"{raw.shape_id}.glb", model)
+        write_export(folder / f"{raw.shape_id}.glb", exported)
         text = written_json(dissection.written())
         (folder / f"{raw.shape_id}{SUFFIX}").write_text(text, encoding="utf-8", newline="\n")
     counts = {"components": len(result.components), "parts": len(result.parts), "boxes": round(result.boxes, 4)}

@@ -218,26 +218,26 @@ class _Work:
         """Extract a shape's surface, check it, write it and print the line."""
         from cagesdf.editing.health import Health
         from cagesdf.geometry.meshes import signed_volume
-        from cagesdf.io.exports import write_boxes, write_model
+        from cagesdf.io.exports import write_boxes, write_export
 
         cells = f"{len(shape.cage)} parts with {self.resolution} cells"
         with self.timed("extract", f"evaluating {cells}"), side_by_side(len(shape.cage)) as each:
             surface = shape.extract(self.resolution, **self.choices, each=each)
         with self.timed("place", "placing it in the files' frame"):
-            model = shape.model(surface)
+            exported = shape.exported(surface)
         with self.timed("write", f"writing {self.out}"), ExitStack() as files:
-            write_model(files.enter_context(replacing(self.out)), model)
+            write_export(files.enter_context(replacing(self.out)), exported)
             if self.cuboids is not None:
-                write_boxes(files.enter_context(replacing(self.cuboids)), model)
+                write_boxes(files.enter_context(replacing(self.cuboids)), exported)
         health = Health.of(surface, shape.state, self.resolution)
         warn(health.warnings())
         result = {
             "out": str(self.out),
-            "vertices": len(model.surface.vertices),
-            "faces": len(model.surface.faces),
+            "vertices": len(exported.surface.vertices),
+            "faces": len(exported.surface.faces),
             "evaluations": surface.evaluations,
             "closed": True,
-            "volume": signed_volume(model.surface),
+            "volume": signed_volume(exported.surface),
             "components": surface.components,
             "dropped": surface.dropped,
             "thinnest": health.thinnest,
@@ -247,5 +247,5 @@ class _Work:
             "overshoot": surface.overshoot,
             "seconds": self.seconds,
         }
-        faces, seconds = len(model.surface.faces), sum(self.seconds.values())
+        faces, seconds = len(exported.surface.faces), sum(self.seconds.values())
         tell(result, f"{self.out}: {faces:,} faces, {health}; {seconds:.1f} s", as_json)

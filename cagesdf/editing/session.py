@@ -15,6 +15,7 @@ from cagesdf.editing.script import Script
 from cagesdf.editing.state import History, State
 from cagesdf.editing.styles import Styles
 from cagesdf.errors import InputError
+from cagesdf.exported import ExportedShape
 from cagesdf.extraction import (
     LOOSE,
     METHODS,
@@ -30,7 +31,6 @@ from cagesdf.extraction import (
 from cagesdf.frames import Similarity
 from cagesdf.geometry.meshes import Mesh
 from cagesdf.geometry.solid import CUBE_FACES
-from cagesdf.io.exports import Model
 from cagesdf.models.codes import part_codes
 from cagesdf.run import Run
 from cagesdf.structure.base import Structure
@@ -128,12 +128,14 @@ def state_field(run: Run, state: State) -> CageField:
     return CageField(run.decoder, codes, state.cage, state.evaluated())
 
 
-def model_of(extraction: Extraction, state: State) -> Model:
+def export_of(extraction: Extraction, state: State) -> ExportedShape:
     """A state's surface, canonical, as it is given to users."""
     return as_given(extraction.mesh, extraction.parts, state.cage, state.structure, state.similarity)
 
 
-def as_given(mesh: Mesh, parts: Mapping[str, Mesh], cage: Cage, structure: Structure, similarity: Similarity) -> Model:
+def as_given(
+    mesh: Mesh, parts: Mapping[str, Mesh], cage: Cage, structure: Structure, similarity: Similarity
+) -> ExportedShape:
     """A canonical surface and its parts in the user's frame, with the cuboids; `similarity` is raw → canonical.
 
     Raises InputError for a place or size that files can't hold; see `exports.as_stored`.
@@ -146,4 +148,4 @@ def as_given(mesh: Mesh, parts: Mapping[str, Mesh], cage: Cage, structure: Struc
     raw = {
         names.get(part, part): solid.with_vertices(similarity.to_raw(solid.vertices)) for part, solid in parts.items()
     }
-    return Model.of(mesh.with_vertices(similarity.to_raw(mesh.vertices)), raw, cuboids)
+    return ExportedShape.of(mesh.with_vertices(similarity.to_raw(mesh.vertices)), raw, cuboids)

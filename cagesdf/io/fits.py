@@ -17,8 +17,9 @@ from torch import Tensor
 
 from cagesdf.cage_fitting.fitted import FittedCage
 from cagesdf.errors import InputError
+from cagesdf.exported import ExportedShape
 from cagesdf.io.cuboids import write_cuboids
-from cagesdf.io.exports import Model, write_model
+from cagesdf.io.exports import write_export
 from cagesdf.io.weights import read_header, read_tensors
 
 FILES = ("cuboids.parquet", "programs.parquet", "latent.safetensors", "surface.ply", "report.json")
@@ -30,14 +31,14 @@ def write_fit(
     fitted: FittedCage,
     latent: Float[Tensor, " d"],
     residual: Float[Tensor, "p k"],
-    surface: Model,
+    surface: ExportedShape,
     report: Mapping[str, Any],
 ) -> None:
     """Write FILES into an existing folder; `cuboids.parquet` is canonical. `report` names the shape."""
     write_cuboids(folder, {report["shape_id"]: fitted})
     tensors = {"latent": latent, "residual": residual}
     (folder / LATENT).write_bytes(save({name: value.detach().cpu().contiguous() for name, value in tensors.items()}))
-    write_model(folder / "surface.ply", surface)
+    write_export(folder / "surface.ply", surface)
     text = json.dumps(report, indent=1, ensure_ascii=False) + "\n"
     (folder / "report.json").write_text(text, encoding="utf-8", newline="\n")
 

@@ -194,16 +194,21 @@ def _planned_decoder(path: Path, params: Mapping[str, Any]) -> Decoder:
     whole(params, "latent_dim", 1, MAX_WIDTH, path)
     if name not in DECODERS:
         raise InputError(f"{path}: wanted a decoder of {', '.join(DECODERS)}, got {name}; train again")
-    sizes = {size: _size(params, size, path) for size in sizes_of_decoder(name)}
+    sizes = {size: _size(params, size, kind, path) for size, kind in sizes_of_decoder(name).items()}
     try:
         return planned(lambda: make_decoder(name, seed=0, **sizes))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def _size(params: Mapping[str, Any], name: str, path: Path) -> int | tuple[int, ...]:
-    """One of a decoder's sizes. Raises InputError if it is none, or out of its bounds."""
-    if name == "mapping":
+def _size(params: Mapping[str, Any], name: str, kind: Any, path: Path) -> int | float | tuple[int, ...]:
+    """One of a decoder's sizes, of type `kind`. Raises InputError if it is none, or out of its bounds."""
+    if kind is float:
+        value = params.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{path}: wanted a finite number {name}, got {value!s:.60}; train again")
+        return float(value)
+    if kind is not int:
         return wholes(params, name, 1, MAX_WIDTH, path)
     least, most = BOUNDS.get(name, (1, MAX_WIDTH))
     return whole(params, name, least, most, path)

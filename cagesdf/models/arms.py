@@ -30,9 +30,9 @@ def decoder_class(name: str) -> type[Decoder]:
     return DECODERS[name]
 
 
-def sizes_of_decoder(name: str) -> tuple[str, ...]:
-    """The sizes that a decoder is made with. Raises InputError as `decoder_class` does."""
-    return tuple(signature(decoder_class(name)).parameters)
+def sizes_of_decoder(name: str) -> dict[str, Any]:
+    """The sizes that a decoder is made with, and their types. Raises InputError as `decoder_class` does."""
+    return {size: argument.annotation for size, argument in signature(decoder_class(name)).parameters.items()}
 
 
 def make_decoder(name: str, seed: int, **sizes: Any) -> Decoder:

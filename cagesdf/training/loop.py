@@ -122,8 +122,8 @@ def _add_ranks(learnt: Learnt, l1: Tensor, ranks: Ranks) -> None:
 def flatten_spike(optimiser: torch.optim.Adam) -> None:
     """Scale down a gradient whose norm, over all parameters, is more than SPIKE times the usual one.
 
-    The usual norm follows from Adam's second moments. One batch can have a thousand times it, by a part that is next to
-    nothing thick; Adam would take the decoder's weights out of all that it has learnt, at once.
+    The usual norm follows from Adam's second moments. One batch's norm has been a thousand times it; Adam's next steps
+    would all point there, and undo what the decoder has learnt.
     """
     parameters = [p for group in optimiser.param_groups for p in group["params"] if p.grad is not None]
     states = [optimiser.state[parameter] for parameter in parameters]

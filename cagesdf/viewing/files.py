@@ -11,12 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from cagesdf.editing.script import Script, parse
-from cagesdf.editing.session import model_of
+from cagesdf.editing.session import export_of
 from cagesdf.editing.state import State
 from cagesdf.errors import SHOWN, InputError
+from cagesdf.exported import ExportedShape
 from cagesdf.extraction import Extraction
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
-from cagesdf.io.exports import WRITERS, Model, write_boxes, write_model
+from cagesdf.io.exports import WRITERS, write_boxes, write_export
 from cagesdf.structure.parsing import parse as parse_program
 from cagesdf.structure.program import AssemblyProgram
 from cagesdf.text import decode
@@ -37,9 +38,9 @@ DAMAGED = (
 def exported(surface: Extraction, state: State, ending: str) -> bytes:
     """A state's surface as a file of one of FORMATS: what `cagesdf edit` writes.
 
-    Raises InputError if there is no surface, and as `write_model`.
+    Raises InputError if there is no surface, and as `write_export`.
     """
-    return _content(write_model, surface, state, ending)
+    return _content(write_export, surface, state, ending)
 
 
 def exported_boxes(surface: Extraction, state: State, ending: str) -> bytes:
@@ -47,13 +48,13 @@ def exported_boxes(surface: Extraction, state: State, ending: str) -> bytes:
     return _content(write_boxes, surface, state, ending)
 
 
-def _content(write: Callable[[Path, Model], None], surface: Extraction, state: State, ending: str) -> bytes:
+def _content(write: Callable[[Path, ExportedShape], None], surface: Extraction, state: State, ending: str) -> bytes:
     if not len(surface.mesh.faces):
         raise InputError("the network gives no surface for these cuboids in this style; nothing to export")
-    model = model_of(surface, state)
+    shape = export_of(surface, state)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"shape.{ending}"
-        write(path, model)
+        write(path, shape)
         return path.read_bytes()
 
 

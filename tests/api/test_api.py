@@ -17,8 +17,8 @@ from cagesdf import rendering
 from cagesdf.api import display
 from cagesdf.api.shapes import EditableShape
 from cagesdf.editing.script import KINDS
+from cagesdf.exported import as_stored
 from cagesdf.geometry.meshes import Mesh
-from cagesdf.io.exports import as_stored
 from tests.support import balls, constant_runs, stools, toy
 from tests.support.commands import Command
 

@@ -168,7 +168,7 @@ def test_meshes_are_let_go_as_they_are_written(
 
     monkeypatch.setenv("CAGESDF_WORKERS", "2")
     monkeypatch.setattr("cagesdf.shape_generation.surfaces.make_shape", make)
-    monkeypatch.setattr("cagesdf.io.exports.write_model", counted)
+    monkeypatch.setattr("cagesdf.io.exports.write_export", counted)
     monkeypatch.setattr(generating, "ThreadPoolExecutor", lambda workers: Instant())
     monkeypatch.setattr(generating, "_sheet", lambda path, shapes: path.touch())
     monkeypatch.setattr(generating, "SHOWN", 3)

@@ -22,11 +22,11 @@ from cagesdf.editing.script import (
     dump,
     parse,
 )
-from cagesdf.editing.session import Session, model_of
+from cagesdf.editing.session import Session, export_of
 from cagesdf.editing.state import History
 from cagesdf.errors import InputError
 from cagesdf.geometry.meshes import is_closed
-from cagesdf.io.exports import write_model
+from cagesdf.io.exports import write_export
 from cagesdf.structure.hierarchy import PartHierarchy
 
 EDITS: tuple[Operation, ...] = (
@@ -53,7 +53,7 @@ def test_edits_one_by_one_give_the_bytes_of_the_whole_script_at_once(session: Se
     at_once = session.live(32).surface(state)
     assert max(evaluations[1], evaluations[3]) < at_once.evaluations
     for name, each in (("live.glb", found), ("once.glb", at_once)):
-        write_model(tmp_path / name, model_of(each, state))
+        write_export(tmp_path / name, export_of(each, state))
     assert (tmp_path / "live.glb").read_bytes() == (tmp_path / "once.glb").read_bytes()
 
 
@@ -67,7 +67,7 @@ def test_a_style_changes_the_surface_and_not_the_cage(session: Session) -> None:
 
 def test_each_part_is_a_closed_mesh_within_its_own_cuboid(session: Session) -> None:
     state = session.edited(session.opened("a"), EDITS).present
-    model = model_of(session.live(32).surface(state), state)
+    model = export_of(session.live(32).surface(state), state)
     assert is_closed(model.surface)
     assert {"arm_1", "arm_2", "leg_1", "leg_2", "seat"} <= set(model.cuboids)
     cuboids = dict(zip(model.cuboids, state.cage.part_ids))

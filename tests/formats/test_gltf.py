@@ -15,12 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cagesdf.errors import InputError
+from cagesdf.exported import ExportedShape
 from cagesdf.formats import gltf
 from cagesdf.formats.gltf import SUFFIXES, read_gltf
 from cagesdf.formats.gltf_json import MAX_ENTRIES
 from cagesdf.formats.listing import find_shape, read_shape
 from cagesdf.geometry.meshes import Mesh, face_areas, is_closed, signed_volume, weld
-from cagesdf.io.exports import Model, write_model
+from cagesdf.io.exports import write_export
 from tests.support import toy
 from tests.support.gltf_files import TYPES, Gltf, packed
 
@@ -382,8 +383,8 @@ def test_the_order_of_the_jsons_lists_changes_nothing(place: Path, seed: int) ->
 
 def test_our_own_exports_give_their_parts_back(tmp_path: Path) -> None:
     balls = {"leg 1": toy.ball([3, -2, 1], 1.0), "back/rest": toy.ball([3, -1, 1], 0.7)}
-    model = Model.of(balls["leg 1"], balls, {"leg 1": BOX, "back/rest": BOX})
-    write_model(tmp_path / "a.glb", model)
+    model = ExportedShape.of(balls["leg 1"], balls, {"leg 1": BOX, "back/rest": BOX})
+    write_export(tmp_path / "a.glb", model)
     parts = dict(read_gltf(tmp_path / "a.glb"))
     assert list(parts) == list(balls)
     for name, mesh in parts.items():

@@ -12,11 +12,11 @@ import yaml
 
 from cagesdf.api.sources import IMPORT
 from cagesdf.errors import InputError
+from cagesdf.exported import ExportedShape
 from cagesdf.geometry.meshes import Mesh, is_closed, signed_volume
 from cagesdf.importing import import_shape
 from cagesdf.inference import shapes as inference
 from cagesdf.io.cuboids import read_cages
-from cagesdf.io.exports import Model
 from cagesdf.io.fits import LATENT, read_fit_latent, write_fit
 from cagesdf.io.meshes import read_ply
 from cagesdf.io.residuals import read_residuals, write_residuals
@@ -165,7 +165,7 @@ def test_the_command_writes_what_it_says(command: Command, run_folder: Path, tmp
 def test_codes_read_back_as_they_were_and_damaged_ones_are_named(tmp_path: Path) -> None:
     found = fit(raw(pair(0.30, 0.40)))
     surface = inference.fitted_surface(trained(), found, 16).mesh
-    model = Model.of(surface, {}, {})
+    model = ExportedShape.of(surface, {}, {})
     write_fit(tmp_path, found.prepared.fitted, found.inferred.code, found.inferred.residual, model, {"shape_id": "new"})
     latent, residual = read_fit_latent(tmp_path)
     assert torch.equal(latent, found.inferred.code)

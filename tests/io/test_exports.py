@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
+from cagesdf.exported import FAR, ExportedShape, as_stored
 from cagesdf.formats.gltf import read_gltf
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.geometry.meshes import Mesh, is_closed, join, signed_volume
 from cagesdf.geometry.solid import union
-from cagesdf.io.exports import FAR, WRITERS, Model, as_stored, check_name, write_boxes, write_model
+from cagesdf.io.exports import WRITERS, check_name, write_boxes, write_export
 from cagesdf.io.meshes import read_ply
 from tests.support import toy
 
@@ -26,7 +27,7 @@ UTM = np.array([500000.25, 5300000.86, 412.0])  # a table's place in metres: flo
 PRECISE = [ending for ending in WRITERS if ending != ".stl"]  # formats that hold any place
 
 
-def model(centre: np.ndarray = CENTRE) -> Model:
+def model(centre: np.ndarray = CENTRE) -> ExportedShape:
     """Two balls away from the origin that run into each other; a third part has no face."""
     cuboids = {
         "leg 1": toy.box(centre - [0.5, 0, 0], [1, 2, 2]),
@@ -38,12 +39,12 @@ def model(centre: np.ndarray = CENTRE) -> Model:
         "back/rest": toy.ball(centre + np.array([0.3, 0, 0]), 1.0),
         "none": Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)),
     }
-    return Model.of(union([parts["leg 1"], parts["back/rest"]]), parts, cuboids)
+    return ExportedShape.of(union([parts["leg 1"], parts["back/rest"]]), parts, cuboids)
 
 
-def whole(mesh: Mesh) -> Model:
+def whole(mesh: Mesh) -> ExportedShape:
     """One part without a cuboid to speak of."""
-    return Model.of(mesh, {"all": mesh}, {"all": toy.box([0, 0, 0], [1, 1, 1])})
+    return ExportedShape.of(mesh, {"all": mesh}, {"all": toy.box([0, 0, 0], [1, 1, 1])})
 
 
 def joined(path: Path) -> trimesh.Trimesh:
@@ -75,7 +76,7 @@ def distinct_names(path: Path) -> list[str]:
 
 @pytest.mark.parametrize("ending", [".ply", ".stl"])
 def test_a_file_of_one_mesh_holds_the_surface_and_nothing_else(ending: str, tmp_path: Path) -> None:
-    write_model(tmp_path / f"a{ending}", model())
+    write_export(tmp_path / f"a{ending}", model())
     solid = joined(tmp_path / f"a{ending}")
     assert solid.is_watertight
     assert len(solid.faces) == len(model().surface.faces)
@@ -85,7 +86,7 @@ def test_a_file_of_one_mesh_holds_the_surface_and_nothing_else(ending: str, tmp_
 
 @pytest.mark.parametrize("ending", [".obj", ".glb"])
 def test_a_file_of_parts_holds_each_as_a_closed_mesh_of_its_own(ending: str, tmp_path: Path) -> None:
-    write_model(tmp_path / f"a{ending}", model())
+    write_export(tmp_path / f"a{ending}", model())
     reader = read_obj_groups if ending == ".obj" else read_gltf
     groups = dict(reader(tmp_path / f"a{ending}"))
     assert [name.replace("_", " ") for name in groups] == ["leg 1", "back/rest"]
@@ -98,7 +99,7 @@ def test_a_file_of_parts_holds_each_as_a_closed_mesh_of_its_own(ending: str, tmp
 
 
 def test_gltf_shows_the_parts_and_has_the_surface_and_the_cuboids_in_further_scenes(tmp_path: Path) -> None:
-    write_model(tmp_path / "a.glb", model())
+    write_export(tmp_path / "a.glb", model())
     assert scenes(tmp_path / "a.glb") == {
         "parts": ["leg 1", "back/rest"],
         "surface": ["surface"],
@@ -116,7 +117,7 @@ def test_gltf_shows_the_parts_and_has_the_surface_and_the_cuboids_in_further_sce
 
 
 def test_objects_keep_their_digits(tmp_path: Path) -> None:
-    write_model(tmp_path / "a.obj", model())
+    write_export(tmp_path / "a.obj", model())
     text = (tmp_path / "a.obj").read_text(encoding="utf-8")
     vertices = np.array([line.split()[1:] for line in text.splitlines() if line.startswith("v ")], np.float32)
     np.testing.assert_array_equal(vertices, np.concatenate([part.vertices for part in model().parts.values()]))
@@ -140,7 +141,7 @@ def test_cuboids_have_a_file_of_their_own(ending: str, centre: np.ndarray, tmp_p
 
 @pytest.mark.parametrize("centre", [CENTRE, UTM])
 def test_the_ply_is_the_projects_own(centre: np.ndarray, tmp_path: Path) -> None:
-    write_model(tmp_path / "a.ply", model(centre))
+    write_export(tmp_path / "a.ply", model(centre))
     mesh = read_ply(tmp_path / "a.ply")
     np.testing.assert_array_equal(mesh.faces, model(centre).surface.faces)
     np.testing.assert_array_equal(mesh.vertices, model(centre).surface.vertices + model(centre).origin)
@@ -149,7 +150,7 @@ def test_the_ply_is_the_projects_own(centre: np.ndarray, tmp_path: Path) -> None
 @pytest.mark.parametrize("ending", WRITERS)
 def test_equal_models_give_equal_bytes(ending: str, tmp_path: Path) -> None:
     for name in "ab":
-        write_model(tmp_path / f"{name}{ending.upper()}", model())
+        write_export(tmp_path / f"{name}{ending.upper()}", model())
     assert (tmp_path / f"a{ending.upper()}").read_bytes() == (tmp_path / f"b{ending.upper()}").read_bytes()
 
 
@@ -190,7 +191,7 @@ def test_a_surface_is_read_back_as_it_was_wherever_and_however_large_it_is(
     tolerance = exact * size + 4 * np.spacing(reach)
     folder = tmp_path_factory.mktemp("far")
     for ending, read in READERS:
-        write_model(folder / f"a{ending}", whole(mesh))
+        write_export(folder / f"a{ending}", whole(mesh))
         back = read(folder / f"a{ending}")
         assert is_closed(back)
         local = (back.vertices - place) @ rotation / size
@@ -202,25 +203,25 @@ def test_a_surface_is_read_back_as_it_was_wherever_and_however_large_it_is(
 @pytest.mark.parametrize("ratio", [1, FAR - 1, FAR + 1, 1000, 1e5, 1e8, 5e10])
 def test_formats_hold_the_very_same_places(ratio: float, tmp_path: Path) -> None:
     mesh = SHAPE.with_vertices(SHAPE.vertices + ratio * np.array([1.3, -1.0, 0.1]))
-    write_model(tmp_path / "a.ply", whole(mesh))
-    write_model(tmp_path / "a.glb", whole(mesh))
+    write_export(tmp_path / "a.ply", whole(mesh))
+    write_export(tmp_path / "a.glb", whole(mesh))
     [node] = [node for node in tree_of(tmp_path / "a.glb")["nodes"] if node["name"] == "all"][:1]
     scene = trimesh.load_scene(tmp_path / "a.glb", process=False)
     local = np.asarray(scene.geometry["parts/all"].vertices)
     glb = local + np.array(node.get("translation", [0.0, 0.0, 0.0]))
     np.testing.assert_array_equal(glb, read_ply(tmp_path / "a.ply").vertices)
     if "translation" in node:
-        write_model(tmp_path / "a.obj", whole(mesh))
+        write_export(tmp_path / "a.obj", whole(mesh))
         np.testing.assert_array_equal(read_obj(tmp_path / "a.obj").vertices, read_ply(tmp_path / "a.ply").vertices)
 
 
 def test_stl_is_refused_exactly_where_the_others_need_more_than_float32(tmp_path: Path) -> None:
     side = np.ptp(SHAPE.vertices, axis=0).max()
     near, far = (SHAPE.with_vertices(SHAPE.vertices + np.array([ratio * side, 0, 0])) for ratio in (FAR - 1, FAR + 1))
-    write_model(tmp_path / "near.stl", whole(near))
+    write_export(tmp_path / "near.stl", whole(near))
     assert joined(tmp_path / "near.stl").volume == pytest.approx(signed_volume(SHAPE), rel=1e-4)
     with pytest.raises(InputError, match=r"from the origin, where STL's float32.*write \.obj, \.ply or \.glb"):
-        write_model(tmp_path / "far.stl", whole(far))
+        write_export(tmp_path / "far.stl", whole(far))
     assert [path.name for path in tmp_path.iterdir()] == ["near.stl"]
 
 

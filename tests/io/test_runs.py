@@ -10,8 +10,9 @@ import torch
 
 from cagesdf.errors import InputError
 from cagesdf.io.runs import read_run, read_snapshot, snapshots_of, write_run, write_snapshot
-from cagesdf.models.arms import make_decoder, sizes_of_decoder
+from cagesdf.models.arms import DECODERS, make_decoder, sizes_of_decoder
 from cagesdf.models.codes import part_codes
+from cagesdf.models.decoders import CageDecoder
 from tests.support.small_runs import PARAMS, make_run, tensors
 
 LOG = [{"step": 1, "loss": 0.5, "l1": 0.4, "latent_norm": 0.1}]
@@ -165,3 +166,32 @@ def test_a_run_needs_the_sizes_of_its_own_decoder_alone(name: str, tmp_path: Pat
     decoder = make_decoder(name, **{size: params[size] for size in sizes_of_decoder(name)}, seed=1)
     write_run(tmp_path, replace(make_run(), decoder=decoder, params={**params, "decoder": name}), LOG)
     assert type(read_run(tmp_path).decoder) is type(decoder)
+
+
+class SharpDecoder(CageDecoder):
+    """A decoder with a number that isn't whole."""
+
+    def __init__(self, width: int, layers: int, latent_dim: int, mapping: tuple[int, ...], sharpness: float) -> None:
+        super().__init__(width, layers, latent_dim, mapping, octaves=0)
+        self.sharpness = sharpness
+
+
+def test_numbers_that_are_not_whole_are_read_if_they_are_finite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(DECODERS, "SharpDecoder", SharpDecoder)
+    params = {size: PARAMS[size] for size in ("width", "layers", "latent_dim", "mapping")}
+    decoder = make_decoder("SharpDecoder", **params, sharpness=0.25, seed=1)
+    others = {"reach": PARAMS["reach"], "clamp": PARAMS["clamp"], "decoder": "SharpDecoder"}
+    write_run(tmp_path, replace(make_run(), decoder=decoder, params={**params, **others, "sharpness": 0.25}), LOG)
+    path = tmp_path / "arm.json"
+    arm = json.loads(path.read_text())
+    for value in (0.25, 3, -1e-3):
+        path.write_text(json.dumps({**arm, "params": {**arm["params"], "sharpness": value}}))
+        read = read_run(tmp_path).decoder
+        assert isinstance(read, SharpDecoder)
+        assert read.sharpness == value
+    for wrong in (float("nan"), float("inf"), "3", None, True, [0.5]):
+        path.write_text(json.dumps({**arm, "params": {**arm["params"], "sharpness": wrong}}))
+        with pytest.raises(InputError, match=r"wanted a finite number sharpness"):
+            read_run(tmp_path)

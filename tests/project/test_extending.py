@@ -82,9 +82,11 @@ def test_the_page_registers_each_thing_in_one_file_of_the_library(copy: tuple[Pa
 @pytest.mark.parametrize(
     ("arm", "message"),
     [
-        ("{decoder: EllipsoidDecoder}", "arms.ellipsoids.ellipsoids: field required"),
-        ("{decoder: EllipsoidDecoder, ellipsoids: 0}", "wanted a whole number of at least 1, got 0"),
-        ("{decoder: EllipsoidDecoder, ellipsoids: 3, balls: 1}", "balls: extra inputs are not permitted"),
+        ("{decoder: EllipsoidDecoder, spread: 1}", "arms.ellipsoids.ellipsoids: field required"),
+        ("{decoder: EllipsoidDecoder, ellipsoids: 0, spread: 1}", "wanted a whole number of at least 1, got 0"),
+        ("{decoder: EllipsoidDecoder, ellipsoids: 3, spread: .nan}", "spread: wanted a finite number, got nan"),
+        ("{decoder: EllipsoidDecoder, ellipsoids: 3, spread: wide}", "spread: wanted a finite number, got 'wide'"),
+        ("{decoder: EllipsoidDecoder, ellipsoids: 3, spread: 1, balls: 1}", "balls: extra inputs are not permitted"),
         ("{decoder: BallDecoder}", "no decoder 'BallDecoder'; there are TriplaneDecoder"),
         ("{ellipsoids: 3}", "ellipsoids.ellipsoids: extra inputs are not permitted"),
     ],

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RECORDS = {"errors", "text", "frames", "cuboid", "geometry", "shape", "structure"}
+RECORDS = {"errors", "text", "frames", "cuboid", "geometry", "shape", "structure", "exported"}
 # A file or folder of cagesdf, and what else of cagesdf it may import.
 ALLOWED = {
     "errors": set(),
@@ -18,6 +18,7 @@ ALLOWED = {
     "geometry": {"errors", "frames", "cuboid"},
     "structure": {"errors", "text", "frames", "cuboid"},
     "shape": {"frames", "geometry", "structure"},
+    "exported": {"errors", "geometry"},
     "audit": RECORDS,
     "parts": RECORDS | {"cage_fitting", "deformation"},
     "formats": RECORDS | {"parts"},

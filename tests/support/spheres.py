@@ -7,11 +7,16 @@ import numpy as np
 from cagesdf.cuboid import Cage, Cuboid, Sequence
 from cagesdf.frames import Similarity
 from cagesdf.io.points import CHUNK, PointChunks
+from cagesdf.models.arms import DECODERS, sizes_of_decoder
 from cagesdf.structure.hierarchy import PartHierarchy
 
 RADII = {"large": (0.6, 0.5), "small": (0.4, 0.3)}
 PARTS = ("body",)
-SIZES: dict[str, Any] = {  # of a small network of any kind; a decoder's own numbers stand here, too
+# Of a small network of any kind. What isn't named here is a decoder's own: a small number of its type.
+OWN = {int: 2, float: 0.5}
+SIZES: dict[str, Any] = {
+    size: OWN[kind] for name in DECODERS for size, kind in sizes_of_decoder(name).items() if kind in OWN
+} | {
     "width": 24,
     "layers": 3,
     "latent_dim": 4,

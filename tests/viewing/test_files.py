@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cagesdf.editing.session import model_of
+from cagesdf.editing.session import export_of
 from cagesdf.errors import InputError
 from cagesdf.extraction import Extraction
-from cagesdf.io.exports import write_boxes, write_model
+from cagesdf.io.exports import write_boxes, write_export
 from cagesdf.viewing import files
 from tests.support.untrained import untrained
 
@@ -21,9 +21,9 @@ def test_an_export_is_the_file_that_the_command_writes(tmp_path: Path) -> None:
     state = session.opened("a")
     found = session.live(48).surface(state)
     for ending in files.FORMATS:
-        write_model(tmp_path / f"a.{ending}", model_of(found, state))
+        write_export(tmp_path / f"a.{ending}", export_of(found, state))
         assert files.exported(found, state, ending) == (tmp_path / f"a.{ending}").read_bytes()
-        write_boxes(tmp_path / f"boxes.{ending}", model_of(found, state))
+        write_boxes(tmp_path / f"boxes.{ending}", export_of(found, state))
         assert files.exported_boxes(found, state, ending) == (tmp_path / f"boxes.{ending}").read_bytes()
     with pytest.raises(InputError, match="no surface"):
         files.exported(Extraction.nothing(), state, "ply")
