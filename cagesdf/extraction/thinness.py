@@ -42,7 +42,7 @@ class Thickness:
 
     @cached_property
     def _areas(self) -> Float[ndarray, "f 3"]:
-        """Of the faces, across each of the cuboid's axes; canonical."""
+        """Area of each face as it is seen along each of the cuboid's axes; canonical."""
         return np.abs(face_normals(self.mesh) @ self.cuboid.axes.T) / 2
 
     def cells(self, lattice: Lattice) -> float:
