@@ -4,17 +4,16 @@ VTK draws off screen through EGL or OSMesa. Where neither is installed it may cr
 fail, so it runs in a process of its own; matplotlib draws when that process can't.
 """
 
-import multiprocessing
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from loky import ProcessPoolExecutor
 from numpy import ndarray
 
 from cagesdf.cuboid import Cage
@@ -125,10 +124,10 @@ def side_by_side(pictures: Sequence[Image], columns: int) -> UInt8[ndarray, "hei
 
 def _render_all(work: list[tuple[Scene, View]], size: int, processes: int) -> tuple[list[Image], str]:
     for window in WINDOWS if work else ():
-        # A fresh interpreter: VTK reads its variables once, and forking threads is unsafe.
-        context = multiprocessing.get_context("spawn")
+        # A fresh interpreter: VTK reads its variables once, and forking threads is unsafe. loky's doesn't run a user's
+        # script again, as the standard library's would.
         try:
-            with ProcessPoolExecutor(processes, mp_context=context, initializer=_choose, initargs=(window,)) as pool:
+            with ProcessPoolExecutor(processes, initializer=_choose, initargs=(window,)) as pool:
                 images = list(pool.map(draw_with_vtk, *zip(*work), [size] * len(work)))
         except (RuntimeError, ImportError):  # a crash is a BrokenProcessPool, which is a RuntimeError
             continue

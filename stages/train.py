@@ -22,7 +22,7 @@ from cagesdf.io.runs import write_run, write_snapshot
 from cagesdf.io.sequences import read_sequences
 from cagesdf.io.shapes import ShapeFolder, read_shapes
 from cagesdf.models.arms import make_decoder
-from cagesdf.models.decoders import Decoder, TrainsOn
+from cagesdf.models.decoders import Decoder, TrainsOn, check_placement
 from cagesdf.models.latents import LatentTable
 from cagesdf.run import Run
 from cagesdf.seeds import item_rng
@@ -94,6 +94,7 @@ def trained(inputs: dict[str, Path], folder: Path | None, name: str, params: Tra
     rng = item_rng(params.seed, "train")
     room = ranks.broadcast(memory() // ranks.size)  # all must read in the same way
     decoder = make_decoder(params.decoder, **params.model_dump(exclude={"decoder"})).to(device())
+    check_placement(decoder, params.latent_dim)
     data = open_points(inputs["points"], cages, params.steps_of, decoder.trains_on, params.reach, rng, room)
     checkpoint = Checkpoint(Path("checkpoints") / digest(inputs, params, data, ranks))
 

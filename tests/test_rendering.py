@@ -1,5 +1,9 @@
 """Pictures show what they are told to, with or without OpenGL."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,6 +14,7 @@ from cagesdf.geometry.solid import CUBE_FACES, cage_surface
 from cagesdf.rendering import CAMERA, CLAY, Scene, View, draw_with_matplotlib, render_rows, side_by_side
 
 SIZE = 64
+ROOT = Path(__file__).parents[1]
 
 
 def box(centre: tuple[float, float, float], size: float = 0.4) -> Cage:
@@ -157,3 +162,21 @@ def test_pictures_side_by_side_fill_rows_on_white() -> None:
     assert (page[:4, 4:] == [255, 0, 0]).all()
     assert (page[4:, :4] == [255, 0, 0]).all()
     assert (page[4:, 4:] == 255).all()
+
+
+def test_a_script_that_draws_runs_once(tmp_path: Path) -> None:
+    """Processes that draw don't run the user's script again, which has no guard."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import numpy as np\n"
+        "from cagesdf.cuboid import Cage, Cuboid\n"
+        "from cagesdf.rendering import Scene, render_rows\n"
+        "print('begun')\n"
+        "cage = Cage.of({'a': Cuboid(np.zeros(3), np.eye(3), np.ones(3))})\n"
+        "[[picture]], drawn_by = render_rows([[Scene(cage=cage, cage_colours=('#ff0000',))]], 32)\n"
+        "print(drawn_by, picture[..., 3].any())\n"
+    )
+    done = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True, timeout=120, check=True)
+    begun, drawn = done.stdout.splitlines()
+    assert begun == "begun"
+    assert drawn.endswith(" True")

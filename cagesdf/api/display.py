@@ -1,20 +1,25 @@
-"""Shapes in a notebook: a picture, and a table of the cuboids."""
+"""Pictures of shapes, and in a notebook a table of the cuboids beside them."""
 
 import base64
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from pathlib import Path
 
 from PIL import Image
 
 from cagesdf.cuboid import Cage, Cuboid
+from cagesdf.errors import InputError
 from cagesdf.geometry.meshes import Mesh
+from cagesdf.io.files import check_folder, replacing
 from cagesdf.rendering import CLAY, PART_COLOURS, Scene, render_rows, side_by_side
 
 PREVIEW = 64  # cells of the surface in a picture
 SIDE = 240  # pixels
 SHOWN = 8  # shapes of a run that are drawn
 COLUMNS = 4  # pictures in a row
+ENDINGS = (".png", ".jpg")
+LARGEST = 4096  # pixels along each side of a picture
 
 
 def shape_html(title: str, cage: Cage, cuboids: Mapping[str, Cuboid], surface: Mesh) -> str:
@@ -22,6 +27,21 @@ def shape_html(title: str, cage: Cage, cuboids: Mapping[str, Cuboid], surface: M
     scenes = [_cage_scene(cage), Scene((surface,), (CLAY,))] if len(cage) else [Scene((surface,), (CLAY,))]
     rows = [(name, _numbers(cuboid.centre), _numbers(cuboid.size)) for name, cuboid in cuboids.items()]
     return _page(title, scenes, ("part", "centre x, y, z", "lengths x, y, z"), rows)
+
+
+def write_picture(path: Path, surface: Mesh, size: int) -> None:
+    """A picture of a canonical surface on white, `size` pixels square.
+
+    Raises InputError for another ending than ENDINGS, a size out of bounds and a folder that isn't there.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(f"{path}: wanted a name that ends in {' or '.join(ENDINGS)}")
+    if not 16 <= size <= LARGEST:
+        raise InputError(f"size: wanted 16 to {LARGEST} pixels, got {size}")
+    check_folder(path)
+    [[picture]], _ = render_rows([[Scene((surface,), (CLAY,))]], size)
+    with replacing(path) as partial:
+        Image.fromarray(side_by_side([picture], 1)).save(partial)
 
 
 def run_html(title: str, cages: Mapping[str, Cage]) -> str:

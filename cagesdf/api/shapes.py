@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from cagesdf.api.display import PREVIEW, shape_html
+from cagesdf.api.display import PREVIEW, shape_html, write_picture
 from cagesdf.cuboid import PROPER_PERMUTATIONS, Cage, Cuboid
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
@@ -127,6 +127,10 @@ class ModelledShape(ABC):
         exported = self.exported(self.extract(resolution))
         with replacing(path) as partial:
             write_export(partial, exported)
+
+    def picture(self, path: Path | str, size: int = 600, resolution: int = RESOLUTION) -> None:
+        """Write a picture of the surface, `size` pixels square, as .png or .jpg into a folder that exists."""
+        write_picture(Path(path), self.extract(resolution).mesh, size)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.title}; {len(self.cage)} cuboids>"

@@ -71,7 +71,7 @@ def generate(
     resolution
         Cells along 2.1 times the radius of the unit sphere.
     ending
-        The format of the meshes; .obj and .glb are cut into parts, .glb has the cuboids too (as a second scene).
+        The format of the meshes; .obj and .glb are cut into parts, .glb has the cuboids too (as its last scene).
     stability
         How it is tested whether shapes stand: by the polygon that they stand on, or by letting them go and pushing them
         in a simulation (pip install 'cagesdf[physics]').

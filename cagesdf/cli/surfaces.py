@@ -23,7 +23,7 @@ OutFile = Annotated[
     Path,
     Parameter(
         help="A .ply, .obj, .stl or .glb file in a folder that exists; .obj and .glb are cut into parts, .glb has the "
-        "cuboids too (as a second scene)."
+        "cuboids too (as its last scene)."
     ),
 ]
 Resolution = Annotated[int, Parameter(help="Cells along 2.1 times the radius of the shape's bounding sphere.")]

@@ -20,8 +20,13 @@ class Metric:
     key: str  # its name in scores and tables
     title: str  # of its column in the report
     unit: str  # "" for shares and cosines
-    higher: bool  # whether more is better
+    higher: bool | None  # whether more is better; None: neither is, it describes
     meaning: str
+
+    @property
+    def arrow(self) -> str:
+        """Which way is better, for the head of a column."""
+        return {True: "↑", False: "↓", None: ""}[self.higher]
 
     @property
     def variants(self) -> dict[str, str]:

@@ -6,6 +6,7 @@ cuboids are canonical, distances too, negative inside. `cuboid` is the 15-vector
 latent of its shape itself, or what a network makes of that and the whole cage.
 """
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal
@@ -14,6 +15,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from cagesdf.errors import InputError
 from cagesdf.frames import OUTSIDE
 from cagesdf.models.film import FilmBackbone, modulated
 from cagesdf.models.sines import sine_features
@@ -21,13 +23,16 @@ from cagesdf.models.sines import sine_features
 CUBOID = 15  # numbers that describe a cuboid (§3.1)
 
 # part: around each part, distances to the part's own surface; cage: of the whole shape, near the points' cuboid;
-# cube: of the whole shape, anywhere in the cube. The first two know cuboids. Parts move with their cuboids: values of a
-# decoder that trains on parts depend on the code, on the cuboid's lengths and on the point in the cuboid's local frame.
+# cube: of the whole shape, anywhere in the cube. The first two know cuboids.
 TrainsOn = Literal["part", "cage", "cube"]
 
 
 class Decoder(nn.Module, ABC):
-    """A network in four steps: codes of a cage's parts, conditions of groups, features of points, layers."""
+    """A network in four steps: codes of a cage's parts, conditions of groups, features of points, layers.
+
+    Parts move with their cuboids: values of a decoder that trains on parts depend on the code, on the cuboid's lengths
+    and on the point in the cuboid's local frame alone (`check_placement`).
+    """
 
     trains_on: ClassVar[TrainsOn]
     trusted: ClassVar[float] = OUTSIDE  # largest value that is a distance, in the decoder's unit; beyond, a sign alone
@@ -93,6 +98,34 @@ class Decoder(nn.Module, ABC):
         """Signed distance of each point."""
         features = self.features(points, cuboid)
         return self.evaluate(features, self.condition(code, cuboid), features.dtype)
+
+
+def check_placement(decoder: Decoder, latent_dim: int) -> None:
+    """Check that the values of a decoder that trains on parts move with the cuboid.
+
+    Extraction asks each part with its cuboid at the origin. Raises InputError for a decoder that sees where it stands.
+    """
+    if decoder.trains_on != "part":
+        return
+    exact = copy.deepcopy(decoder).cpu().double().requires_grad_(False)
+    generator = torch.Generator().manual_seed(0)
+    for parameter in exact.parameters():
+        if not parameter.any():  # zeros would hide what they are multiplied by
+            parameter.normal_(0, 0.1, generator=generator)
+    code = torch.randn(1, decoder.code_dim or latent_dim, generator=generator, dtype=torch.float64)
+    unit = torch.rand(1, 64, 3, generator=generator, dtype=torch.float64) - 0.5
+    # The second is moved, and turned by a third of a turn about (1, 1, 1).
+    cuboids = (
+        [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.4, 0.9, 0.15],
+        [0.2, -0.3, 0.1, 0, 1, 0, 0, 0, 1, 1, 0, 0, 0.4, 0.9, 0.15],
+    )
+    placed = [torch.tensor([numbers], dtype=torch.float64) for numbers in cuboids]
+    here, there = (exact(from_unit(unit, cuboid), code, cuboid) for cuboid in placed)
+    if (here - there).abs().max() > 1e-3 * (here.max() - here.min()):
+        raise InputError(
+            f"{type(decoder).__name__}: trains on parts, but its values depend on where the cuboid stands; wanted "
+            'those of to_unit(points, cuboid), the code and the lengths alone, or trains_on = "cage"'
+        )
 
 
 class CageDecoder(Decoder):

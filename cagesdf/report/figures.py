@@ -146,8 +146,9 @@ def rows(table: Table, arms: Iterable[str], columns: Iterable[tuple[str, str]], 
     for i, (_, metric) in enumerate(columns):
         items = [line[i] for line in values.values()]
         means = [item["mean"] for item in items if item and item["mean"] is not None]
-        choose = max if OF_KEY[metric].higher else min
-        best.append(choose(means) if ranked and len(set(means)) > 1 else None)
+        higher = OF_KEY[metric].higher
+        choose = max if higher else min
+        best.append(choose(means) if ranked and higher is not None and len(set(means)) > 1 else None)
     return [
         Row(
             arm,

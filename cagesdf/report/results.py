@@ -71,7 +71,7 @@ def with_metrics(page: str) -> str:
             ", ".join(f"`{key}`" for key, variant in metric.variants.items() if variant != "detail"),
             metric.meaning.replace("|", "\\|"),
             metric.unit or "–",
-            "more" if metric.higher else "less",
+            {True: "more", False: "less", None: "–"}[metric.higher],
         ]
         for metric in METRICS
     ]

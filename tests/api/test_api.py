@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 import cagesdf
 from cagesdf import rendering
@@ -250,6 +251,24 @@ def test_a_notebook_shows_pictures_and_names_of_any_spelling(run: cagesdf.Traine
     html = display.shape_html("<b>&", run.open("a").cage, {"<script>": run.open("a").cuboids["seat"]}, surface)
     assert "<script>" not in html
     assert "&lt;b&gt;&amp;" in html
+
+
+def test_a_picture_is_of_its_size_and_wrong_ones_are_refused(
+    run: cagesdf.TrainedRun, tmp_path: Path, without_opengl: None
+) -> None:
+    shape = run.open("a")
+    shape.picture(tmp_path / "a.png", size=64, resolution=16)
+    picture = np.asarray(Image.open(tmp_path / "a.png"))
+    assert picture.shape == (64, 64, 3)
+    assert picture.min() < 200 < picture.max()
+    for name, size, message in (
+        ("a.gif", 64, r"ends in \.png or \.jpg"),
+        ("a.png", 9, "16 to 4096"),
+        ("no/a.png", 64, "no folder"),
+    ):
+        with pytest.raises(cagesdf.InputError, match=message):
+            shape.picture(tmp_path / name, size=size, resolution=16)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 def test_distances_to_meshes_are_those_to_their_union_and_those_of_the_command(

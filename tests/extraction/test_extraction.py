@@ -535,7 +535,7 @@ def test_values_of_decoders_of_parts_depend_on_the_place_in_the_cuboid_alone(nam
     field = CageField(decoder, torch.linspace(-1, 1, decoder.code_dim or SIZES["latent_dim"])[None], cage)
     unit = rng.uniform(-0.5, 0.5, (300, 3))
     values = field.values(cage.from_unit(unit, 0), 0)
-    assert np.ptp(values) > 1e-3
+    assert np.ptp(values) > 1e-3, f"{name}: untrained, it has one value everywhere in a cuboid"
     unplaced = field.unplaced()
     assert not unplaced.cage.centre.any()
     np.testing.assert_allclose(unplaced.values(unplaced.cage.from_unit(unit, 0), 0), values, atol=2e-5)

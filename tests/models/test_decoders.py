@@ -9,7 +9,7 @@ import torch
 from cagesdf.cuboid import Cage, Cuboid
 from cagesdf.errors import InputError
 from cagesdf.models.arms import DECODERS, make_decoder
-from cagesdf.models.decoders import CUBOID, to_unit
+from cagesdf.models.decoders import CUBOID, Decoder, check_placement, to_unit
 from cagesdf.models.sines import sine_features
 from tests.support import spheres
 
@@ -116,3 +116,40 @@ def test_sine_features_are_sines_and_cosines_of_doubling_frequency() -> None:
     expected = torch.cat([f(np.pi * 2**k * points) for k in range(3) for f in (torch.sin, torch.cos)], dim=-1)
     torch.testing.assert_close(features, expected)
     assert sine_features(points, 0).shape == (3, 7, 0)
+
+
+class Placed(Decoder):
+    """Trains on parts and looks at the whole cuboid, its place too, or at the lengths alone."""
+
+    trains_on = "part"
+
+    def __init__(self, first: int) -> None:
+        super().__init__()
+        self.first = first
+        self.layer = torch.nn.Linear(3 + CUBOID - first, 1)
+        torch.nn.init.zeros_(self.layer.weight)
+
+    def features(self, points: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return to_unit(points, cuboid)
+
+    def condition(self, code: torch.Tensor, cuboid: torch.Tensor) -> torch.Tensor:
+        return cuboid[:, self.first :]
+
+    def evaluate(self, features: torch.Tensor, condition: torch.Tensor, compute_dtype: torch.dtype) -> torch.Tensor:
+        inputs = torch.cat([features, condition[:, None].expand(*features.shape[:2], -1)], dim=-1)
+        return self.layer(inputs).sum(dim=-1)
+
+
+def test_a_decoder_of_parts_that_sees_where_its_cuboid_stands_is_refused() -> None:
+    check_placement(Placed(first=12), 4)
+    for first in (0, 3):
+        with pytest.raises(InputError, match=r"Placed: trains on parts, but .* depend on where the cuboid stands"):
+            check_placement(Placed(first), 4)
+
+
+def test_the_decoders_that_there_are_pass(name: str) -> None:
+    decoder = make_decoder(name, **SIZES, seed=0)
+    before = {key: tensor.clone() for key, tensor in decoder.state_dict().items()}
+    check_placement(decoder, SIZES["latent_dim"])
+    assert all(torch.equal(before[key], tensor) for key, tensor in decoder.state_dict().items())
+    assert all(parameter.requires_grad for parameter in decoder.parameters())

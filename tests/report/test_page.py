@@ -255,6 +255,14 @@ def test_the_best_figure_is_the_lowest_distance_and_the_highest_overlap_and_refe
     assert figures.rows(TABLE, ["unheard_of"], columns, ranked=True) == []
 
 
+def test_a_metric_that_only_describes_has_no_best_and_no_arrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    metric = replace(OF_KEY["surface_distance"], higher=None)
+    assert (OF_KEY["iou"].arrow, OF_KEY["surface_distance"].arrow, metric.arrow) == ("↑", "↓", "")
+    monkeypatch.setitem(OF_KEY, "surface_distance", metric)
+    for row in figures.rows(TABLE, ["cagesdf", "deepsdf"], [("chair", "surface_distance")], ranked=True):
+        assert [cell.best for cell in row.cells] == [False]
+
+
 def test_arms_stand_in_the_order_of_the_ablation_then_by_name() -> None:
     assert figures.in_order({"zebra", "deepsdf", "ground_truth", "ant", "cagesdf_noaug", "cagesdf"}) == [
         "cagesdf", "cagesdf_noaug", "deepsdf", "ant", "zebra",

@@ -26,9 +26,13 @@ from tests.support.training import SETTINGS, Stopped, training
 OF_DISTANCES = sorted(DECODERS.keys() - {"OccupancyDecoder"})  # they know what a clamp is
 
 
+STEPS: dict[str, int] = {}  # decoders that need more than 90 steps for the spheres
+
+
 @pytest.mark.parametrize("decoder", sorted(DECODERS))
 def test_a_few_dozen_steps_learn_the_spheres(decoder: str, tmp_path: Path) -> None:
-    log = training(tmp_path, replace(SETTINGS, steps=90, learning_rate=1e-2), decoder=decoder, batch=16)[1]
+    settings = replace(SETTINGS, steps=STEPS.get(decoder, 90), learning_rate=1e-2)
+    log = training(tmp_path, settings, decoder=decoder, batch=16)[1]
     assert log[-1]["l1"] < 0.2 * log[0]["l1"]
     assert log[-1]["l1"] < 0.1
 
