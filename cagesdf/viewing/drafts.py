@@ -37,6 +37,7 @@ class Draft:
     name: str  # given by the user
     script: Script  # leads from the run's shape to it
     made: int  # leading operations that made the shape: undo and reset go no further back
+    changes: int  # operations since then that weren't taken back
     upload: Upload | None  # the file that it comes from
     time: float  # last change, seconds since the epoch
     bytes: int  # estimate of its memory
@@ -46,14 +47,14 @@ class Draft:
         """A document as it is now."""
         document, upload = entry.last, entry.upload
         size = len(dump(document.script)) + (0 if upload is None else upload.bytes)
-        return Draft(run, document.shape_id, document.name, document.script, len(entry.first.script), upload, now, size)
+        made, changes = len(entry.first.script), max(len(document.done) - len(entry.first.done), 0)
+        return Draft(run, document.shape_id, document.name, document.script, made, changes, upload, now, size)
 
     def in_words(self, now: float) -> str:
         """Name, number of changes and age at a time (seconds since the epoch)."""
-        changes = len(self.script) - self.made
         minutes = max(now - self.time, 0) / 60
         age = "just now" if minutes < 1 else f"{minutes:.0f} min ago" if minutes < 60 else f"{minutes / 60:.0f} h ago"
-        what = f"{changes} change{'s' * (changes != 1)}" if changes else "as it was made"
+        what = f"{self.changes} change{'s' * (self.changes != 1)}" if self.changes else "as it was made"
         return f"Continue {self.name}: {what}, {age}"
 
 

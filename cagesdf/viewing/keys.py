@@ -34,7 +34,7 @@ KEYS: dict[str, tuple[Key, ...]] = {  # by action
     "duplicate": (Key("Duplicate", "N"),),
     "delete": (Key("Delete", "delete"), Key("Delete", "X")),
     "hide": (Key("Hide the selection", "H"),),
-    "show": (Key("Show everything", "H", "shift"),),
+    "show": (Key("Show everything", "H", "shift"), Key("Show everything", "H", "alt")),
     "frame": (Key("Frame the selection", "F"),),
     "front": (Key("Front view", "1"),),
     "side": (Key("Side view", "3"),),

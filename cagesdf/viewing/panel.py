@@ -9,11 +9,11 @@ import numpy as np
 import viser
 
 from cagesdf.formats.parts_folder import MESH_SUFFIXES
+from cagesdf.viewing.fields import NumberField, Typed
 from cagesdf.viewing.files import FORMATS
 from cagesdf.viewing.framing import VIEWS
 from cagesdf.viewing.pictures import PictureGrid
 from cagesdf.viewing.scene import LOOKS, TOOLS
-from cagesdf.viewing.settling import Settling, after_pause
 from cagesdf.viewing.thumbnails import blank
 
 HELLO = (
@@ -25,6 +25,7 @@ BRAND = (232, 96, 28)
 MESHES = ",".join((".zip", *MESH_SUFFIXES))
 IDLE = "Cancel"
 WHOLE = "the whole shape"
+FORGET = "Forget all"
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,13 @@ class Actions:
 
     open_shape: Callable[[str], None]
     restore: Callable[[int], None]  # a draft, by its number in `show_drafts`
-    forget: Callable[[], None]  # all drafts
+    forget: Callable[[], None]  # all drafts; asked twice
     undo: Callable[[], None]
     redo: Callable[[], None]
     reset: Callable[[], None]
-    place: Callable[[tuple[float, float, float]], None]  # centre, user's unit
-    lengths: Callable[[tuple[float, float, float]], None]  # along the cuboid's own axes, user's unit
-    angles: Callable[[tuple[float, float, float]], None]  # degrees; see `angles.angles_of`
+    place: Callable[[Typed], None]  # centre, user's unit
+    lengths: Callable[[Typed], None]  # along the cuboid's own axes, user's unit
+    angles: Callable[[Typed], None]  # degrees; see `angles.angles_of`
     redraw: Callable[[], None]  # the view changed, not the shape
     compare: Callable[[], None]  # the opacity of the true surface changed
     look: Callable[[], None]  # the look of the surface changed
@@ -47,7 +48,7 @@ class Actions:
     view: Callable[[str], None]  # from one of `framing.VIEWS`
     help: Callable[[], None]
     open_run: Callable[[str], None]
-    set_parameter: Callable[[str, float], None]
+    set_parameter: Callable[[str, float | None], None]
     restyle: Callable[[str, float], None]  # a shape's id, how far; of the parts that are selected, or of the whole
     more_styles: Callable[[], None]  # pictures of further ones
     cancel: Callable[[], None]
@@ -71,9 +72,6 @@ class Panel:
     surface: Any
     health: Any
     tool: Any
-    centre: Any
-    lengths: Any
-    angles: Any
     mirror: Any
     repeat: Any
     attach: Any
@@ -86,7 +84,6 @@ class Panel:
     mark: Any
     group: Any
     parameter: Any
-    value: Any
     style: Any
     weight: Any
     work: Any
@@ -111,8 +108,6 @@ class Panel:
         """
         gui = self._gui = client.gui
         self._guard, self._guard_typed = guard, guard_typed
-        self._settling: dict[str, Settling] = {}  # by label, of boxes that numbers are typed into
-        self._known: dict[str, Any] = {}  # by label, the values that were shown there or taken from there
         gui.main_panel.dock_right()
         self.theme(dark=False)
         gui.set_panel_label("cagesdf")
@@ -174,24 +169,9 @@ class Panel:
         gui = self._gui
         self.tool = gui.add_dropdown("Tool", TOOLS, hint="G moves, R turns, L pulls faces")
         self._on(self.tool, actions.redraw)
-        self.centre = gui.add_vector3(
-            "Centre (file units)",
-            (0.0, 0.0, 0.0),
-            step=0.001,
-            disabled=True,
-            hint="below 0: digits first, then the minus",
-        )
-        self._typed(self.centre, lambda: actions.place(self.centre.value))
-        self.lengths = gui.add_vector3("Lengths (file units)", (1.0, 1.0, 1.0), step=0.001, disabled=True)
-        self._typed(self.lengths, lambda: actions.lengths(self.lengths.value))
-        self.angles = gui.add_vector3(
-            "Rotation (degrees)",
-            (0.0, 0.0, 0.0),
-            step=0.1,
-            disabled=True,
-            hint="about x, then its own y, then its own z",
-        )
-        self._typed(self.angles, lambda: actions.angles(self.angles.value))
+        self._centre = self._numbers("Centre (file units)", "x y z; of several, of their box", 3, actions.place)
+        self._lengths = self._numbers("Lengths (file units)", "along its own x y z", 3, actions.lengths)
+        self._angles = self._numbers("Rotation (degrees)", "about x, its own y, its own z", 3, actions.angles)
         self.mirror = gui.add_checkbox("Mirrors follow", True, hint="parts that mirror these")
         self.repeat = gui.add_checkbox("Repeats follow", True, hint="parts that repeat these")
         self.attach = gui.add_checkbox("Attached follow", True, hint="what touches stays in contact")
@@ -203,12 +183,12 @@ class Panel:
         with self.program:
             self.group = gui.add_dropdown("Of", (NOTHING,))
             self.parameter = gui.add_dropdown("Parameter", (NOTHING,))
-            self.value = gui.add_number(
-                "Value", 0.0, step=0.001, hint="lengths in the program's unit, places as shares"
-            )
+            self._value = self._numbers(
+                "Value", "lengths in the program's unit, places as shares", 1,
+                lambda typed: actions.set_parameter(self._shown_parameter, typed[0]),
+            )  # fmt: skip
         self._on(self.group, self._show_parameters)
         self._on(self.parameter, self._show_value)
-        self._typed(self.value, lambda: actions.set_parameter(self._shown_parameter, self.value.value))
         self._values: Mapping[str, float] = {}
         self._shown_parameter = NOTHING  # own name of the one that the number is for
         self._grouped: Mapping[str, Mapping[str, str]] = {}
@@ -288,8 +268,16 @@ class Panel:
                 button.on_click(partial(lambda number, _: self._guard(lambda: self._restore(number)), number))
                 self._draft_buttons.append(button)
             if drafts:
-                self._draft_buttons.append(self._gui.add_button("Forget all", color="gray", icon=viser.Icon.TRASH))
-                self._draft_buttons[-1].on_click(lambda _: self._guard(self._forget))
+                forget = self._gui.add_button(FORGET, color="gray", icon=viser.Icon.TRASH)
+                forget.on_click(lambda _: self._guard(lambda: self._ask_to_forget(forget, len(drafts))))
+                self._draft_buttons.append(forget)
+
+    def _ask_to_forget(self, button: Any, count: int) -> None:
+        """Forget at the second click."""
+        if button.label == FORGET:
+            button.label = f"Click again to forget {count}"
+        else:
+            self._forget()
 
     def show_work(self, what: str | None, done: float) -> None:
         """The job in the background (None: no job) and the share of it that is done."""
@@ -305,8 +293,10 @@ class Panel:
         self.more.visible = len(shape_ids) > most
         return self.styles.show(shape_ids[:most])
 
-    def show_target(self, parts: str) -> None:
-        """The target of a style: names of parts, or WHOLE."""
+    def show_target(self, parts: str, style_of: str) -> None:
+        """The target of a style: names of parts, or WHOLE; and the shape whose style it took last, or NOTHING."""
+        if self.style.value != style_of and style_of in self.style.options:
+            self.style.value = style_of
         self._style_for.content = f"Click a picture: its style for **{parts}**."
 
     def show_shapes(self, made: Sequence[str], chosen: str) -> None:
@@ -322,11 +312,13 @@ class Panel:
         self.health.content = f"Health: {health}"
         self._top.content = "\n\n".join(f"⚠ **{warning}**" for warning in warnings) or HELLO
 
-    def show_cuboid(self, centre: np.ndarray | None, lengths: np.ndarray | None, angles: np.ndarray | None) -> None:
-        """Numbers of the cuboid selected; None: not exactly one is."""
-        for box, numbers in ((self.centre, centre), (self.lengths, lengths), (self.angles, angles)):
-            box.disabled = numbers is None
-            self._show_number(box, (0.0,) * 3 if numbers is None else tuple(round(float(n), 4) + 0.0 for n in numbers))
+    def show_cuboid(
+        self, centre: np.ndarray | None, lengths: np.ndarray | None, angles: np.ndarray | None, decimals: int
+    ) -> None:
+        """Numbers of what is selected, lengths with so many decimals; None: there are none."""
+        self._centre.show(centre, decimals)
+        self._lengths.show(lengths, decimals)
+        self._angles.show(angles, 2)
 
     def show_program(self, values: Mapping[str, float], grouped: Mapping[str, Mapping[str, str]]) -> None:
         """The program's parameters, by part and plain name; the folder is hidden if there are none."""
@@ -351,7 +343,7 @@ class Panel:
     def _show_value(self) -> None:
         if self._parameter in self._values:
             self._shown_parameter = self._parameter  # a number that is still being typed is for the one before
-            self._show_number(self.value, round(self._values[self._parameter], 5))
+            self._value.show([self._values[self._parameter]], 4)
 
     def show_style(self, places: np.ndarray) -> None:
         """Coordinates of the style along the principal directions."""
@@ -360,29 +352,20 @@ class Panel:
 
     def flush(self) -> None:
         """Take the numbers that are being typed as they are."""
-        for settling in self._settling.values():
-            settling.flush()
+        for field in self._fields:
+            field.flush()
 
     def drop(self) -> None:
         """Forget the numbers that are being typed."""
-        for settling in self._settling.values():
-            settling.drop()
+        for field in self._fields:
+            field.drop()
 
-    def _typed(self, box: Any, act: Callable[[], None]) -> None:
-        """Do an action once a number was typed into a box, or its arrows were clicked."""
+    def _numbers(self, label: str, hint: str, count: int, act: Callable[[Typed], None]) -> NumberField:
+        return NumberField(self._gui.add_text(label, "", disabled=True, hint=hint), count, act, self._guard_typed)
 
-        def take() -> None:
-            self._known[box.label] = box.value
-            act()
-
-        self._known[box.label] = box.value
-        settling = self._settling[box.label] = Settling(take, partial(after_pause, self._guard_typed))
-        box.on_update(lambda event: None if event.client is None else settling.touch())
-
-    def _show_number(self, box: Any, value: float | tuple[float, ...]) -> None:
-        """Show a number, or several, in a box that nobody is typing into."""
-        if box.value == self._known[box.label]:  # viser sets what is typed before it says so
-            box.value = self._known[box.label] = value
+    @property
+    def _fields(self) -> tuple[NumberField, ...]:
+        return self._centre, self._lengths, self._angles, self._value
 
     def _on(self, handle: Any, act: Callable[[], None]) -> None:
         # Without a client the tab itself set the value.

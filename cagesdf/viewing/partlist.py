@@ -1,6 +1,6 @@
 """The list of parts beside the view: a part's name in its colour and its eye, in folders as the structure has them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,11 @@ from cagesdf.structure.base import Structure
 from cagesdf.viewing.colours import Colour
 from cagesdf.viewing.selection import Selection
 
+BUTTONS = {
+    "Selected": ("Hide", "Lock", "Show all"),
+    "Copy": ("Duplicate", "One more"),
+    "Edit": ("Split", "Delete", "Add"),
+}
 WIDTH = 250  # pixels
 LONGEST = 22  # letters of a folder's name
 EYE = 34  # pixels
@@ -50,13 +55,15 @@ class PartList:
         self._tab = self._panel.add_tab("Parts")
         with self._tab:
             self._gui.add_html(STYLE)
-            for words in (("Hide", "Lock", "Show all"), ("Duplicate", "Split", "Delete", "Add")):
-                buttons = self._gui.add_button_group("Selected" if words[0] == "Hide" else "Edit", words)
+            for label, words in BUTTONS.items():
+                buttons = self._gui.add_button_group(label, words)
                 buttons.on_click(partial(lambda group, _: guard(lambda: act(group.value)), buttons))
             self.more = self._gui.add_checkbox("Select several", False, hint="or shift-click in the view")
         self._folder: Any = None
         self._buttons: dict[str, Any] = {}
         self._eyes: dict[str, Any] = {}
+        self._sets: dict[str, tuple[str, ...]] = {}  # by label: parts that one button selects
+        self._set_buttons: dict[str, Any] = {}
         self._shown: tuple[object, ...] = ()
 
     def show(self, state: State, colours: Mapping[str, Colour], selection: Selection) -> None:
@@ -66,17 +73,17 @@ class PartList:
         if content != self._shown:
             if self._folder is not None:
                 self._folder.remove()
-            self._shown, self._buttons, self._eyes = content, {}, {}
+            self._shown, self._buttons, self._eyes, self._sets, self._set_buttons = content, {}, {}, {}, {}
             with self._tab:
                 self._folder = self._gui.add_folder("Parts")
             with self._folder:
                 self._add_groups(state.structure, names)
                 groups = group_names(state.structure)
                 self._add(state.structure, state.structure.root(), names | groups, colours)
+        for label, parts in self._sets.items():
+            _show_label(self._set_buttons[label], label, {*parts} <= {*selection.parts})
         for part, button in self._buttons.items():
-            label = f"▸ {names[part]}" if part in selection.parts else names[part]
-            if button.label != label:
-                button.label = label
+            _show_label(button, names[part], part in selection.parts)
             _show_icon(button, viser.Icon.LOCK if part in selection.locked else None)
             _show_icon(self._eyes[part], viser.Icon.EYE_OFF if part in selection.hidden else viser.Icon.EYE)
 
@@ -86,7 +93,12 @@ class PartList:
         for label in dict.fromkeys(labels.values()):
             parts = tuple(part for part in names if labels[part] == label)
             if label and len(parts) > 1:
-                self._button(f"all {len(parts)}: {label}", parts, None)
+                self._add_set(f"all {len(parts)}: {label}", parts)
+
+    def _add_set(self, label: str, parts: tuple[str, ...]) -> None:
+        """A button for several parts."""
+        if label not in self._sets:
+            self._sets[label], self._set_buttons[label] = parts, self._button(label, parts, None)
 
     def _add(self, structure: Structure, node: str, names: Mapping[str, str], colours: Mapping[str, Colour]) -> None:
         for child in structure.children(node):
@@ -96,6 +108,8 @@ class PartList:
             else:
                 text = names[child]
                 with self._gui.add_folder(text if len(text) <= LONGEST else f"{text[:LONGEST]}…"):
+                    inside = tuple(part for part in _leaves(structure, child) if part in colours)
+                    self._add_set(f"these {len(inside)}: {text}"[: 2 * LONGEST], inside)
                     self._add(structure, child, names, colours)
 
     def _button(self, label: str, parts: tuple[str, ...], colour: Colour | None) -> Any:
@@ -107,6 +121,21 @@ class PartList:
         eye = self._gui.add_button("", icon=viser.Icon.EYE)
         eye.on_click(lambda _: self._guard(lambda: self._blink(part)))
         return eye
+
+
+def _leaves(structure: Structure, node: str) -> Iterator[str]:
+    """Ids below a node that have no children."""
+    children = structure.children(node)
+    for child in children:
+        yield from _leaves(structure, child)
+    if not children:
+        yield node
+
+
+def _show_label(button: Any, text: str, selected: bool) -> None:
+    label = f"▸ {text}" if selected else text
+    if button.label != label:
+        button.label = label
 
 
 def _show_icon(button: Any, icon: viser.IconName | None) -> None:

@@ -49,9 +49,15 @@ class Shelf:
         entry = self.entries[document.name]
         self._put(replace(entry, last=document))
 
-    def reset(self, name: str) -> Document:
+    def first(self, name: str) -> Document:
         """The document as it was at first."""
         return self.entries[name].first
+
+    def reset(self, name: str) -> Document:
+        """Take the document up as it was at first. What was done is kept until something else is."""
+        entry = self.entries[name]
+        self.entries[name] = replace(entry, last=entry.first)
+        return entry.first
 
     def undone(self, name: str, styles: Styles) -> Document:
         """Without its last operation. Raises InputError where none is left that was done here."""

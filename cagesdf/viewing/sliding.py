@@ -17,6 +17,12 @@ class Sliding:
         self._control: Control = ()
         self._before: Document | None = None
 
+    @property
+    def before(self) -> Document:
+        """The document without what the control did that was changed last."""
+        assert self._before is not None, "no control was changed"
+        return self._before
+
     def changed(
         self,
         document: Document,

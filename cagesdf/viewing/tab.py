@@ -20,7 +20,7 @@ from cagesdf.cuboid import Cage
 from cagesdf.editing.document import Document
 from cagesdf.editing.health import Health
 from cagesdf.editing.parts import parameters, part_names
-from cagesdf.editing.script import Blend, Delete, Mix, Operation, Set, Style, dump
+from cagesdf.editing.script import Blend, Delete, Mix, Operation, Set, Style, Swap, dump
 from cagesdf.editing.state import State
 from cagesdf.extraction import Extraction
 from cagesdf.geometry.distance import SurfaceDistance
@@ -34,9 +34,10 @@ from cagesdf.viewing.colours import Colour, part_colours
 from cagesdf.viewing.dissecting import Desk, PartsPage
 from cagesdf.viewing.drafts import Draft, Entry, Page
 from cagesdf.viewing.drawing import in_new_style, new_shape
+from cagesdf.viewing.fields import Typed
 from cagesdf.viewing.framing import VIEWS
 from cagesdf.viewing.gallery import Gallery
-from cagesdf.viewing.hand import Hand, Numbers, gizmo_frame, on_top, only
+from cagesdf.viewing.hand import Hand, decimals_of, gizmo_frame, on_top, only
 from cagesdf.viewing.jobs import Jobs, Progress, Stand
 from cagesdf.viewing.keys import KEYS, card
 from cagesdf.viewing.leaving import ask_before_leaving
@@ -172,7 +173,8 @@ class Tab:
         }
         for word, keys in KEYS.items():
             for key in keys:
-                command = self._client.gui.add_command(key.does, hotkey=key.key, modifier=key.held)
+                label = key.does if key is keys[0] else f"{key.does} ({key})"
+                command = self._client.gui.add_command(label, hotkey=key.key, modifier=key.held)
                 command.on_trigger(partial(lambda act, _: self._guarded(act), actions[word]))
 
     def close(self) -> None:
@@ -247,12 +249,17 @@ class Tab:
             act()
 
     def _refuse(self, text: str) -> None:
-        """Show an error, until it is dismissed or replaced by the next one."""
-        with suppress(Exception):  # it may be dismissed by now
-            if self._problem is not None:
-                self._problem.remove()
+        """Show an error, until it is dismissed, or something else succeeds or fails."""
+        self._dismiss()
         self._problem = self._client.add_notification("Not done", text, color="red")
         self._redraw()
+
+    def _dismiss(self) -> None:
+        """Take the last error away."""
+        with suppress(Exception):  # the visitor may have dismissed it
+            if self._problem is not None:
+                self._problem.remove()
+        self._problem = None
 
     def _colours(self, state: State) -> dict[str, Colour]:
         if self._coloured is None or self._coloured[0] is not state.structure:
@@ -264,7 +271,8 @@ class Tab:
         return self._colours(state), self._space.selection.hidden, self._panel.look.value
 
     def _show_handles(self, state: State) -> None:
-        self._stage.show_handles(self._space.one(state) if self._panel.tool.value == "Resize" else None)
+        pulled = self._panel.tool.value == "Resize" and not self._space.held_back
+        self._stage.show_handles(self._space.one(state) if pulled else None)
 
     def _show_cage(self, state: State) -> None:
         self._caged = state
@@ -283,22 +291,23 @@ class Tab:
         self._show_cage(state)
         centre, axes = gizmo_frame(state, self._space.selection.parts)
         tool = self._panel.tool.value
-        self._stage.show_gizmo(centre, axes, tool)
+        self._stage.show_gizmo(None if self._space.held_back else centre, axes, tool)
         self._show_handles(state)
         one = self._space.one(state)
         self._parts.show(state, self._colours(state), self._space.selection)
         unit = state.similarity
         self._panel.show_cuboid(
-            None if one is None else unit.to_raw(one.centre[None])[0],
+            None if centre is None else unit.to_raw(centre[None])[0],
             None if one is None else one.size[[state.own_axis(axis)[0] for axis in AXES]] / unit.scale,
-            None if one is None else angles_of(state, one).round(2),
+            None if one is None else angles_of(state, one),
+            decimals_of(state),
         )
         placed = state.structure.placed_program()
         values = {} if placed is None else parameters(placed[0])
         self._panel.show_program(values, grouped(state.structure, values))
         self._panel.show_style(self._opened.styles.places(state.latent))
         self._panel.show_shapes(self._space.shelf.made, self._space.document.name)
-        self._panel.show_target(self._target or WHOLE)
+        self._panel.show_target(self._target or WHOLE, self._taken_style)
         self._gallery.show_styles(state)
         upload = self._space.upload
         truth = self._opened.truth(self._space.document.name) if upload is None else upload.truth
@@ -331,6 +340,9 @@ class Tab:
         self._space.selection = selection
         self._look()
         self._redraw()
+        hidden = [part for part in self._space.state.cage.part_ids if part in selection.hidden]
+        names = label_of(part_names(self._space.state.structure), hidden)
+        self._say(f"hidden, but exported: {names}" if hidden else "all parts are shown")
 
     def _lock_or_free(self) -> None:
         self._space.selection = self._space.selection.lock_or_free()
@@ -398,6 +410,7 @@ class Tab:
             "Lock": self._lock_or_free,
             "Show all": lambda: self._show_or_hide(self._space.selection.show_all()),
             "Duplicate": self._duplicate,
+            "One more": self._one_more,
             "Split": lambda: self._add(self._hand.split()),
             "Delete": self._delete,
             "Add": lambda: self._add(on_top(self._space.state)),
@@ -414,6 +427,12 @@ class Tab:
         self._add(self._hand.duplicate())
         self._panel.repeat.value = False
         self._say(f"{self._space.names}: copied; repeated parts don't follow now")
+
+    def _one_more(self) -> None:
+        """One more part in the row of the selected one."""
+        self._space.one_more(self._hand)
+        self._show_document()
+        self._say(f"{self._space.names}: one more, and all of the row stand evenly")
 
     # Operations
 
@@ -443,6 +462,7 @@ class Tab:
     def _show_document(self) -> None:
         """Show the open document, and have its surface made."""
         document = self._space.document
+        self._dismiss()
         if document.state.structure is not self._grounded:
             self._grounded = document.state.structure
             self._stage.show_ground(document.state.cage)
@@ -502,20 +522,31 @@ class Tab:
         attach, details = bool(self._panel.attach.value), self._panel.details.value
         return {"mirror": self._mirror, "repeat": self._repeat, "attach": attach, "details": details}
 
-    def _place(self, centre: Numbers) -> None:
+    def _place(self, centre: Typed) -> None:
         self._slide(("centre", self._space.selection.parts), lambda state: [self._held(state).placed(centre)])
 
-    def _lengths(self, lengths: Numbers) -> None:
+    def _lengths(self, lengths: Typed) -> None:
         self._slide(("lengths", self._space.selection.parts), lambda state: self._held(state).resized(lengths))
 
-    def _angles(self, angles: Numbers) -> None:
+    def _angles(self, angles: Typed) -> None:
         self._slide(("angles", self._space.selection.parts), lambda state: self._held(state).turned(angles))
 
-    def _set(self, parameter: str, value: float) -> None:
-        if parameter != NOTHING:
+    def _set(self, parameter: str, value: float | None) -> None:
+        if parameter != NOTHING and value is not None:
             self._do(Set(parameter=parameter, value=value, details=self._panel.details.value), ("set", parameter))
 
     # Style
+
+    @property
+    def _taken_style(self) -> str:
+        """The shape whose style the last operation took for the target; NOTHING for another operation."""
+        done = self._space.document.done
+        match done[-1] if done else None:
+            case Mix(part=part, style_of=style_of) if self._target and part == "|".join(self._target.split(", ")):
+                return style_of
+            case Blend(style_of=style_of) | Swap(style_of=style_of) if not self._target:
+                return style_of
+        return NOTHING
 
     @property
     def _target(self) -> str:
@@ -563,7 +594,7 @@ class Tab:
 
     def _take(self, document: Document) -> None:
         """Open another document."""
-        self._panel.style.value = NOTHING
+        self._panel.show_health("of the surface, once it is made", ())
         self._after(lambda: self._space.open(document))
         self._stage.frame(document.state.cage, "Perspective")
         self._gallery.show_ends(document.shape_id)
@@ -582,7 +613,7 @@ class Tab:
         )
 
     def _first_state(self, name: str) -> State:
-        return self._space.shelf.reset(name).state
+        return self._space.shelf.first(name).state
 
     def _generate(self, temperature: float) -> None:
         """A new shape in a new style, drawn until its surface holds."""
@@ -639,8 +670,8 @@ class Tab:
             script = files.script_of(name, content)
             document = self._fresh(self._space.document.shape_id).continued(script, self._opened.session.styles)
         self._space.shelf.take(document.name)
-        self._become(document)
-        self._say(f"{name}: {len(script)} operations on {self._space.document.shape_id}")
+        self._after(lambda: self._space.replace(document))
+        self._say(f"{name}: {len(script)} operations on {document.shape_id}; one undo leads back")
 
     def _export(self, ending: str) -> None:
         self._write(f"{self._space.document.name}.{ending}", ending, files.exported)

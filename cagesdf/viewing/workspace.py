@@ -1,6 +1,7 @@
 """The shapes of one visitor: the document that is open, what is selected of it, and what is done to it."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from cagesdf.cuboid import Cuboid
@@ -16,6 +17,16 @@ from cagesdf.viewing.shelf import Shelf
 from cagesdf.viewing.sliding import Control, Sliding
 from cagesdf.viewing.uploads import Upload
 
+LEAPS = 50  # that are remembered
+
+
+@dataclass(frozen=True, eq=False)
+class Leap:
+    """A change of a document that is no single operation, but one step for the user."""
+
+    before: Document
+    after: Document
+
 
 class Workspace:
     """The document that is open, one of a shelf's, with the selection. Knows nothing of browsers.
@@ -29,6 +40,8 @@ class Workspace:
         self.document = shelf.take(first)
         self.selection = Selection()
         self._sliding = Sliding()
+        self._leaps: list[Leap] = []
+        self._leaps_back: list[Leap] = []
 
     @property
     def state(self) -> State:
@@ -52,6 +65,11 @@ class Workspace:
         """The selection, for an operation. Raises InputError as `Selection.pattern`."""
         return self.selection.pattern(self.state.structure)
 
+    @property
+    def held_back(self) -> bool:
+        """Whether a part that is selected is locked."""
+        return bool(self.selection.locked & {*self.selection.parts})
+
     def hand(self, state: State, followers: Mapping[str, Any]) -> Hand:
         """The selection in a state, for operations. Raises InputError as `Selection.pattern`."""
         return Hand(state, self.selection.parts, self.pattern, followers)
@@ -70,18 +88,34 @@ class Workspace:
     def slide(self, control: Control, operations: Callable[[State], Iterable[Operation]]) -> None:
         """Do what a control says of the state before it began to change. Raises InputError as `Document.then`."""
         self.check_fitted()
-        self._put(self._sliding.changed(self.document, control, operations, self.styles))
+        after = self._sliding.changed(self.document, control, operations, self.styles)
+        before = self._sliding.before
+        if len(after.done) > len(before.done) + 1:
+            self._remember(Leap(before, after))
+        self._put(after)
 
-    def add(self, operation: Operation) -> None:
-        """Do an operation, and select the parts that it adds. Raises InputError as `Document.then`."""
+    def add(self, *operations: Operation) -> None:
+        """Do operations as one step, and select the parts that they add. Raises InputError as `Document.then`."""
         before = self.state.cage.part_ids
-        self.do(operation)
+        self.slide((), lambda _: operations)
         self.selection = self.selection.of([part for part in self.state.cage.part_ids if part not in before])
 
+    def one_more(self, hand: Hand) -> None:
+        """One more part in the row of the held one. Raises InputError as `Hand.one_more`, and for locked parts."""
+        if locked := self.selection.locked & {*hand.row()}:
+            names = ", ".join(self.selection.of(sorted(locked)).names(self.state.structure))
+            raise InputError(f"{names}: locked, and would have to make room")
+        self.add(*hand.one_more())
+
     def become(self, document: Document) -> None:
-        """Replace the document by another one of its name, to which no control led."""
+        """Replace the document by what an operation or its undoing made of it."""
         self._sliding.end()
         self._put(document)
+
+    def replace(self, document: Document) -> None:
+        """Replace the document by another one of its name, as one step."""
+        self._remember(Leap(self.document, document))
+        self.become(document)
 
     def open(self, document: Document) -> None:
         """Open a document of the shelf; nothing of it is selected."""
@@ -89,16 +123,40 @@ class Workspace:
         self.become(document)
 
     def undo(self) -> None:
-        """Take the last operation back. Raises InputError where there is none."""
-        self.become(self.shelf.undone(self.document.name, self.styles))
+        """Take the last step back. Raises InputError where there is none."""
+        leap = next((leap for leap in reversed(self._leaps) if self._is_at(leap.after)), None)
+        if leap is None:
+            self.become(self.shelf.undone(self.document.name, self.styles))
+            return
+        self._leaps.remove(leap)
+        self._leaps_back.append(leap)
+        self.become(leap.before)
 
     def redo(self) -> None:
         """Do again what was taken back. Raises InputError where there is none."""
-        self.become(self.document.redone(self.styles))
+        leap = next((leap for leap in reversed(self._leaps_back) if leap.before is self.document), None)
+        if leap is None:
+            self.become(self.document.redone(self.styles))
+            return
+        self._leaps_back.remove(leap)
+        self._remember(leap)
+        self.become(leap.after)
 
     def reset(self) -> None:
-        """The document as it was at first."""
-        self.become(self.shelf.reset(self.document.name))
+        """The document as it was at first. One undo leads back; the drafts keep what was done until something is."""
+        first = self.shelf.reset(self.document.name)
+        if self.document.script != first.script:
+            self._remember(Leap(self.document, first))
+        self._sliding.end()
+        self.document = first
+        self.selection = self.selection.within(first.state.cage.part_ids)
+
+    def _remember(self, leap: Leap) -> None:
+        self._leaps = [*self._leaps[-LEAPS:], leap]
+
+    def _is_at(self, document: Document) -> bool:
+        """Whether what is done now is what was done there."""
+        return self.document.name == document.name and self.document.done == document.done
 
     def _put(self, document: Document) -> None:
         self.document = document

@@ -462,28 +462,32 @@ def test_a_higher_seat_takes_legs_along_and_what_can_not_be_is_said_until_it_is_
     assert {kind for kind, _ in kinds[1:]} == {"rotate"}
 
 
-def test_numbers_are_those_that_were_typed_digit_by_digit_and_by_arrows(visit: Visit, tmp_path: Path) -> None:
+def test_numbers_are_those_that_were_typed_letter_by_letter(visit: Visit, tmp_path: Path) -> None:
     page = visit()
     page.settled()
     page.select("seat_surface")
     start = page.numbers(CENTRE)
-    for text in ("0.02", "0.015"):
+    for text in ("0.02", "-0.015"):
         page.type_number(CENTRE, 1, text)
-    page.type_number(CENTRE, 2, f"{abs(start[2]) + 0.05:.3f}")
-    wanted = np.round([start[0], 0.015, abs(start[2]) + 0.05], 3)
-    for _ in range(3):
-        page.control(CENTRE, "input").nth(1).press("ArrowUp")
-    wanted[1] += 0.003
-    page.until(lambda: np.abs(page.numbers(CENTRE) - wanted).max() < 6e-4, f"the seat at {wanted}")
+    page.type_number(CENTRE, 2, "-0,05")
+    wanted = np.array([start[0], -0.015, -0.05])
+    page.until(
+        lambda: page.status.endswith(" s") and np.abs(page.numbers(CENTRE) - wanted).max() < 6e-4, f"at {wanted}"
+    )
     page.picture("typed")
     [move] = page.script(tmp_path)
     assert move["op"] == "move"
     np.testing.assert_allclose(move["by"], wanted - start, atol=1e-3)
+    assert move["by"][0] == 0, "what wasn't typed isn't rounded"
     page.tab("Cuboids")
-    page.type_number(CENTRE, 1, "0.03")
-    page.control(CENTRE, "input").nth(1).press("Home")
-    page.page.keyboard.type("-")
-    page.until(lambda: abs(page.numbers(CENTRE)[1] + 0.03) < 6e-4, "the seat below 0")
+    page.press("all 4: leg")
+    page.until(lambda: len(page.numbers(CENTRE)) == 3 and page.value(LENGTHS) == "", "the middle of several")
+    middle = page.numbers(CENTRE)
+    page.type_number(CENTRE, 0, f"{middle[0] + 0.1:.3f}")
+    page.until(lambda: abs(page.numbers(CENTRE)[0] - middle[0] - 0.1) < 1e-3, "all of them moved")
+    assert page.script(tmp_path)[-1]["op"] == "move"
+    page.tab("Cuboids")
+    page.select("seat_surface")
     page.type_number(LENGTHS, 1, "0.2")
     page.click_nothing()
     page.until(lambda: page.selected == [], "nothing selected")

@@ -65,8 +65,9 @@ class EditorPage:
         return self.control(label).first.input_value()
 
     def numbers(self, label: str) -> np.ndarray:
-        """Of a control with several boxes."""
-        return np.array([float(box.input_value()) for box in self.control(label, "input").all()])
+        """Of a control with several boxes, or with several numbers in one."""
+        boxes = [box.input_value() for box in self.control(label, "input").all()]
+        return np.array([float(word) for text in boxes for word in text.split()])
 
     @property
     def surface(self) -> str:
@@ -147,15 +148,19 @@ class EditorPage:
         box.press("Enter")
 
     def set_number(self, label: str, which: int, value: float) -> None:
-        box = self.control(label, "input").nth(which)
-        box.fill(str(value))
-        box.press("Enter")
+        self.control(label).first.fill(self._with_number(label, which, str(value)))
 
     def type_number(self, label: str, which: int, text: str) -> None:
-        """Digit by digit, as hands do, in place of what is there."""
-        box = self.control(label, "input").nth(which)
+        """Letter by letter, as hands do, in place of what is there."""
+        text = self._with_number(label, which, text)
+        box = self.control(label).first
         box.select_text()
         box.press_sequentially(text, delay=120)
+
+    def _with_number(self, label: str, which: int, text: str) -> str:
+        words = self.value(label).split()
+        words[which] = text
+        return " ".join(words)
 
     def select(self, part: str) -> None:
         """By the list."""

@@ -157,5 +157,5 @@ def test_work_is_unsaved_until_it_is_saved_or_taken_back(session: Session) -> No
     own.put(own.take("a").redone(session.styles))
     own.save("a")
     assert not own.unsaved
-    own.add(own.reset("a").then(MOVE, session.styles).named("new"), None)
+    own.add(own.first("a").then(MOVE, session.styles).named("new"), None)
     assert own.unsaved

@@ -1,6 +1,7 @@
 """Operations of the hand put cuboids where the hand put them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from cagesdf.cuboid import Cage
 from cagesdf.editing.document import Document
 from cagesdf.editing.parts import part_names
 from cagesdf.editing.script import Operation
@@ -15,7 +17,8 @@ from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
 from cagesdf.viewing.angles import AXES, angles_of
-from cagesdf.viewing.hand import Hand, gizmo_frame, on_top
+from cagesdf.viewing.hand import Hand, decimals_of, gizmo_frame, on_top
+from tests.support.mixed import stool, with_shapes
 from tests.support.untrained import untrained
 
 SESSION = untrained()
@@ -110,6 +113,83 @@ def test_a_new_part_stands_on_the_shape() -> None:
 
 
 def test_one_is_wanted_where_several_have_no_numbers() -> None:
+    held = hand(*SESSION.opened("a").cage.part_ids[:2])
+    for wrong in (lambda: [*held.resized((1.0, 1.0, 1.0))], lambda: [*held.turned((0.0, 0.0, 1.0))], held.row):
+        with pytest.raises(InputError, match="wanted one cuboid selected, not 2"):
+            wrong()
+
+
+def test_numbers_that_were_not_typed_stay_as_they_are_to_the_last_bit() -> None:
+    before = hand(PART).state
+    moved = after([hand(PART).placed((None, 0.25, None))])
+    raw = before.similarity.to_raw(np.stack([before.cage[PART].centre, moved.cage[PART].centre]))
+    np.testing.assert_allclose(raw[1], [raw[0, 0], 0.25, raw[0, 2]], atol=1e-12)
+    [sized] = hand(PART).resized((None, None, 0.4))
+    assert sized.axis == "z"
+    turned = after(hand(PART).turned((None, 10.0, None)))
+    was = angles_of(before, before.cage[PART])
+    np.testing.assert_allclose(angles_of(turned, turned.cage[PART]), [was[0], 10, was[2]], atol=1e-6)
+
+
+def test_several_parts_are_moved_by_the_middle_of_their_box() -> None:
+    parts = SESSION.opened("a").cage.part_ids[:2]
+    held = hand(*parts)
+    centre, _ = gizmo_frame(held.state, parts)
+    assert centre is not None
+    raw = held.state.similarity.to_raw(centre[None])[0]
+    state = after([held.placed((None, raw[1] + 0.1, None))])
+    moved, _ = gizmo_frame(state, parts)
+    assert moved is not None
+    np.testing.assert_allclose(held.state.similarity.to_raw(moved[None])[0], raw + np.array([0, 0.1, 0]), atol=1e-9)
+
+
+@given(st.integers(2, 6), st.floats(0.12, 0.3), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.integers(0, 5))
+@settings(max_examples=20)
+def test_one_more_in_a_row_leaves_its_ends_and_evens_what_is_between(
+    count: int, apart: float, lean: float, first: float, which: int
+) -> None:
+    """Also where the row leans, and stood unevenly."""
+    uneven = np.linspace(0, 1, count) ** 1.2
+    spots = first + apart * count * uneven
+    legs = {f"leg_{i}": float(x) for i, x in enumerate(spots)}
+    structure = stool(legs)
+    cuboids = {
+        name: replace(cuboid, centre=cuboid.centre + np.array([0, 0, lean * cuboid.centre[0]]))
+        if name in legs
+        else cuboid
+        for name, cuboid in structure.cage().cuboids().items()
+    }
+    session = with_shapes(SESSION, row=structure.with_cuboids(cuboids))
+    state = session.opened("row")
+    held = hand(f"leg_{min(which, count - 1)}", state=state)
+    assert held.row() == list(legs) or held.row() == list(legs)[::-1]
+    after_all = Document.opened("row", state).continued(tuple(held.one_more()), session.styles).state
+    labels = after_all.structure.labels()
+    centres = np.array([after_all.cage[part].centre for part in after_all.cage.part_ids if labels[part] == "leg"])
+    centres = centres[np.argsort(centres[:, 0])]
+    start, end = state.cage["leg_0"].centre, state.cage[f"leg_{count - 1}"].centre
+    np.testing.assert_allclose(centres, np.linspace(start, end, count + 1), atol=1e-9)
+    np.testing.assert_array_equal(after_all.cage["top"].centre, state.cage["top"].centre)
+
+
+def test_a_row_without_room_or_that_is_none_is_refused() -> None:
+    session = with_shapes(
+        SESSION, tight=stool({"p": -0.1, "q": 0.05, "r": 0.17}), alone=stool({"p": 0.0}),
+        corner=stool({"p": -0.4, "q": 0.0, "r": 0.4}),
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"no room in the row: 4 would stand 0\.09 apart, 0\.1 thick"):
+        hand("p", state=session.opened("tight")).one_more()
+    with pytest.raises(InputError, match="no other part repeats it"):
+        hand("p", state=session.opened("alone")).one_more()
+    corner = session.opened("corner")
+    cuboids = corner.cage.cuboids()
+    bent = corner.with_cage(Cage.of(cuboids | {"q": replace(cuboids["q"], centre=np.array([0.0, -0.4, 0.2]))}))
+    with pytest.raises(InputError, match="don't stand in a row"):
+        hand("p", state=bent).one_more()
+
+
+def test_decimals_follow_the_size_of_the_shape() -> None:
     state = SESSION.opened("a")
-    with pytest.raises(InputError, match="wanted one cuboid selected, not 2"):
-        hand(*state.cage.part_ids[:2]).placed((0.0, 0.0, 0.0))
+    for unit, decimals in ((1.0, 4), (1000.0, 1), (1e-3, 7)):
+        scaled = replace(state, similarity=replace(state.similarity, scale=state.similarity.scale / unit))
+        assert abs(decimals_of(scaled) - decimals) <= 1

@@ -11,7 +11,8 @@ from cagesdf.editing.script import Move, Style
 from cagesdf.editing.session import Session
 from cagesdf.editing.state import State
 from cagesdf.errors import InputError
-from cagesdf.viewing.hand import Hand, Numbers
+from cagesdf.viewing.fields import Typed
+from cagesdf.viewing.hand import Hand
 from cagesdf.viewing.sliding import Sliding
 from tests.support.untrained import untrained
 
@@ -42,11 +43,11 @@ def directed(sliding: Sliding, document: Document, x: float, session: Session, *
     return sliding.changed(document, control, lambda _: [style(x)], session.styles)
 
 
-def placed(sliding: Sliding, document: Document, place: Numbers, session: Session) -> Document:
+def placed(sliding: Sliding, document: Document, place: Typed, session: Session) -> Document:
     return sliding.changed(document, ("centre", PART), lambda state: [hand(state).placed(place)], session.styles)
 
 
-def resized(sliding: Sliding, document: Document, lengths: Numbers, session: Session) -> Document:
+def resized(sliding: Sliding, document: Document, lengths: Typed, session: Session) -> Document:
     return sliding.changed(document, ("lengths", PART), lambda state: hand(state).resized(lengths), session.styles)
 
 

@@ -7,10 +7,12 @@ from cagesdf.editing.document import Document
 from cagesdf.editing.script import Delete, Move
 from cagesdf.editing.session import Session
 from cagesdf.errors import InputError
+from cagesdf.viewing.drafts import Entry
 from cagesdf.viewing.hand import on_top
 from cagesdf.viewing.selection import Selection
 from cagesdf.viewing.shelf import Shelf
 from cagesdf.viewing.workspace import Workspace
+from tests.support.mixed import stool, with_shapes
 
 UP = Move(part="seat", by=(0.0, 0.01, 0.0))
 FURTHER = Move(part="seat", by=(0.0, 0.03, 0.0))
@@ -83,3 +85,77 @@ def test_shapes_are_left_and_taken_up_again_as_they_were(space: Workspace) -> No
     assert space.document is left
     space.reset()
     assert space.document.script == ()
+
+
+def test_a_reset_is_one_step_that_is_taken_back_and_done_again(space: Workspace) -> None:
+    space.do(UP)
+    space.do(FURTHER)
+    edited = space.document
+    space.reset()
+    assert space.document.script == ()
+    space.undo()
+    assert space.document is edited
+    space.redo()
+    assert space.document.script == ()
+    space.undo()
+    space.undo()
+    assert space.document.done == (UP,)
+    space.undo()
+    with pytest.raises(InputError, match="nothing to take back"):
+        space.undo()
+
+
+def test_drafts_keep_what_was_reset_until_something_else_is_done(session: Session) -> None:
+    kept: list[Entry] = []
+    shelf = Shelf(lambda name: Document.opened(name, session.opened(name)), frozenset("ab"), kept.append)
+    space = Workspace(shelf, session.styles, "a")
+    space.do(UP)
+    space.reset()
+    assert [entry.last.script for entry in kept] == [(UP,)]
+    space.do(FURTHER)
+    assert kept[-1].last.script == (FURTHER,)
+
+
+def test_a_script_that_is_loaded_is_one_step(space: Workspace, session: Session) -> None:
+    space.do(UP)
+    before = space.document
+    loaded = space.shelf.first("a").continued((FURTHER, UP), session.styles)
+    space.replace(loaded)
+    space.do(UP)
+    space.undo()
+    assert space.document.done == (FURTHER, UP)
+    space.undo()
+    assert space.document is before
+    space.redo()
+    assert space.document is loaded
+
+
+def test_several_operations_of_one_control_are_one_step(space: Workspace) -> None:
+    space.do(FURTHER)
+    before = space.document
+    space.slide(("angles",), lambda _: [UP, UP])
+    space.slide(("angles",), lambda _: [UP, FURTHER, UP])
+    assert len(space.document.done) == 4
+    space.undo()
+    assert space.document is before
+    space.redo()
+    assert len(space.document.done) == 4
+    space.undo()
+    space.undo()
+    assert space.document.done == ()
+
+
+def test_locked_parts_hold_a_row_where_it_is(session: Session) -> None:
+    more = with_shapes(session, row=stool({"p": -0.4, "q": 0.0, "r": 0.4}))
+    shelf = Shelf(lambda name: Document.opened(name, more.opened(name)), frozenset(more.run.sequences), lambda _: None)
+    space = Workspace(shelf, more.styles, "row")
+    space.selection = Selection(("p",), locked=frozenset("r"))
+    with pytest.raises(InputError, match="leg_3: locked, and would have to make room"):
+        space.one_more(space.hand(space.state, {}))
+    space.selection = Selection(("p",))
+    before = space.document
+    space.one_more(space.hand(space.state, {}))
+    assert len(space.selection.parts) == 1
+    assert space.selection.parts[0] not in before.state.cage.part_ids
+    space.undo()
+    assert space.document is before
