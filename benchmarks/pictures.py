@@ -94,7 +94,7 @@ def main() -> None:
             page.tab("Style")
             page.until(lambda: all(map(page.drawn_tile, page.tiles)), "pictures of styles")
             save(page, arguments.out / "editor.png")
-            page.tab("New")
+            page.tab("Shapes")
             for name in NEW:
                 before = page.settled()
                 page.press("New shape")
@@ -104,7 +104,7 @@ def main() -> None:
             before = page.settled()
             page.choose("Shape", NEW[1])
             page.settled(before)
-            page.tab("New")
+            page.tab("Shapes")
             save(page, arguments.out / "editor_new.png")
         browser.close()
 

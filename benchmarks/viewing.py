@@ -164,7 +164,7 @@ def styles(page: EditorPage, shapes: list[str]) -> list[float]:
 
 def new_shapes(page: EditorPage, count: int) -> list[float]:
     """Clicks on New shape until the first surface of the shape that is kept."""
-    page.tab("New")
+    page.tab("Shapes")
     seconds = []
     for _ in range(count):
         before = page.settled()

@@ -51,6 +51,7 @@ class Actions:
     set_parameter: Callable[[str, float | None], None]
     restyle: Callable[[str, float], None]  # a shape's id, how far; of the parts that are selected, or of the whole
     more_styles: Callable[[], None]  # pictures of further ones
+    more_shapes: Callable[[], None]  # the same
     cancel: Callable[[], None]
     direct: Callable[[int, float], None]  # number of a principal direction, standard deviations
     surprise: Callable[[float], None]  # temperature
@@ -134,8 +135,8 @@ class Panel:
             self._cuboids(actions)
         with tabs.add_tab("Style"):
             self._style(actions, shapes, ends)
-        with tabs.add_tab("New"):
-            self._new(actions, generates)
+        with tabs.add_tab("Shapes"):
+            self._open(actions, generates)
         with tabs.add_tab("File"):
             self._file(actions)
         self.found = tabs.add_tab("Found parts")
@@ -169,9 +170,9 @@ class Panel:
         gui = self._gui
         self.tool = gui.add_dropdown("Tool", TOOLS, hint="G moves, R turns, L pulls faces")
         self._on(self.tool, actions.redraw)
-        self._centre = self._numbers("Centre (file units)", "x y z; of several, of their box", 3, actions.place)
-        self._lengths = self._numbers("Lengths (file units)", "along its own x y z", 3, actions.lengths)
-        self._angles = self._numbers("Rotation (degrees)", "about x, its own y, its own z", 3, actions.angles)
+        self._centre = self._numbers("Centre (file units)", 3, actions.place)
+        self._lengths = self._numbers("Lengths (file units)", 3, actions.lengths)
+        self._angles = self._numbers("Rotation (degrees)", 3, actions.angles)
         self.mirror = gui.add_checkbox("Mirrors follow", True, hint="parts that mirror these")
         self.repeat = gui.add_checkbox("Repeats follow", True, hint="parts that repeat these")
         self.attach = gui.add_checkbox("Attached follow", True, hint="what touches stays in contact")
@@ -184,9 +185,8 @@ class Panel:
             self.group = gui.add_dropdown("Of", (NOTHING,))
             self.parameter = gui.add_dropdown("Parameter", (NOTHING,))
             self._value = self._numbers(
-                "Value", "lengths in the program's unit, places as shares", 1,
-                lambda typed: actions.set_parameter(self._shown_parameter, typed[0]),
-            )  # fmt: skip
+                "Value", 1, lambda typed: actions.set_parameter(self._shown_parameter, typed[0])
+            )
         self._on(self.group, self._show_parameters)
         self._on(self.parameter, self._show_value)
         self._values: Mapping[str, float] = {}
@@ -223,13 +223,17 @@ class Panel:
                 self.directions.append(slider)
                 self._on(slider, partial(lambda i, slider: actions.direct(i, slider.value), i, slider))
 
-    def _new(self, actions: Actions, generates: bool) -> None:
+    def _open(self, actions: Actions, generates: bool) -> None:
         gui = self._gui
         text = "New cuboids and a new style." if generates else "This run has no generator of new cuboids beside it."
         gui.add_markdown(text)
         button = gui.add_button("New shape", icon=viser.Icon.SPARKLES, disabled=not generates)
         button.on_click(lambda _: self._guard(lambda: actions.generate(self.temperature.value)))
-        self.made = PictureGrid(gui, "Made here", lambda name: self._guard(lambda: actions.open_shape(name)))
+        pick = lambda name: self._guard(lambda: actions.open_shape(name))  # noqa: E731
+        self.made = PictureGrid(gui, "Made here", pick)
+        self.trained = PictureGrid(gui, "Of the run", pick)
+        self._more_trained = gui.add_button("More shapes", icon=viser.Icon.CHEVRON_DOWN)
+        self._more_trained.on_click(lambda _: self._guard(actions.more_shapes))
 
     def _file(self, actions: Actions) -> None:
         gui = self._gui
@@ -292,6 +296,12 @@ class Panel:
             self.style.options = options
         self.more.visible = len(shape_ids) > most
         return self.styles.show(shape_ids[:most])
+
+    def show_trained(self, most: int) -> Sequence[str]:
+        """The first shapes of the run as tiles; returns their ids."""
+        self._more_trained.visible = len(self._shapes) > most
+        self.trained.show(self._shapes[:most])
+        return self._shapes[:most]
 
     def show_target(self, parts: str, style_of: str) -> None:
         """The target of a style: names of parts, or WHOLE; and the shape whose style it took last, or NOTHING."""
@@ -360,8 +370,9 @@ class Panel:
         for field in self._fields:
             field.drop()
 
-    def _numbers(self, label: str, hint: str, count: int, act: Callable[[Typed], None]) -> NumberField:
-        return NumberField(self._gui.add_text(label, "", disabled=True, hint=hint), count, act, self._guard_typed)
+    def _numbers(self, label: str, count: int, act: Callable[[Typed], None]) -> NumberField:
+        # Without a hint: it would cover what stands above while somebody types.
+        return NumberField(self._gui.add_text(label, "", disabled=True), count, act, self._guard_typed)
 
     @property
     def _fields(self) -> tuple[NumberField, ...]:

@@ -62,8 +62,7 @@ class PartList:
         self._folder: Any = None
         self._buttons: dict[str, Any] = {}
         self._eyes: dict[str, Any] = {}
-        self._sets: dict[str, tuple[str, ...]] = {}  # by label: parts that one button selects
-        self._set_buttons: dict[str, Any] = {}
+        self._sets: dict[tuple[str, ...], tuple[str, Any]] = {}  # by parts: label and button that selects them
         self._shown: tuple[object, ...] = ()
 
     def show(self, state: State, colours: Mapping[str, Colour], selection: Selection) -> None:
@@ -73,15 +72,15 @@ class PartList:
         if content != self._shown:
             if self._folder is not None:
                 self._folder.remove()
-            self._shown, self._buttons, self._eyes, self._sets, self._set_buttons = content, {}, {}, {}, {}
+            self._shown, self._buttons, self._eyes, self._sets = content, {}, {}, {}
             with self._tab:
                 self._folder = self._gui.add_folder("Parts")
             with self._folder:
                 self._add_groups(state.structure, names)
                 groups = group_names(state.structure)
                 self._add(state.structure, state.structure.root(), names | groups, colours)
-        for label, parts in self._sets.items():
-            _show_label(self._set_buttons[label], label, {*parts} <= {*selection.parts})
+        for parts, (label, button) in self._sets.items():
+            _show_label(button, label, {*parts} <= {*selection.parts})
         for part, button in self._buttons.items():
             _show_label(button, names[part], part in selection.parts)
             _show_icon(button, viser.Icon.LOCK if part in selection.locked else None)
@@ -92,13 +91,13 @@ class PartList:
         labels = structure.labels()
         for label in dict.fromkeys(labels.values()):
             parts = tuple(part for part in names if labels[part] == label)
-            if label and len(parts) > 1:
+            if label:
                 self._add_set(f"all {len(parts)}: {label}", parts)
 
     def _add_set(self, label: str, parts: tuple[str, ...]) -> None:
-        """A button for several parts."""
-        if label not in self._sets:
-            self._sets[label], self._set_buttons[label] = parts, self._button(label, parts, None)
+        """A button for several parts that have none yet."""
+        if len(parts) > 1 and parts not in self._sets:
+            self._sets[parts] = label, self._button(label, parts, None)
 
     def _add(self, structure: Structure, node: str, names: Mapping[str, str], colours: Mapping[str, Colour]) -> None:
         for child in structure.children(node):
@@ -109,7 +108,7 @@ class PartList:
                 text = names[child]
                 with self._gui.add_folder(text if len(text) <= LONGEST else f"{text[:LONGEST]}…"):
                     inside = tuple(part for part in _leaves(structure, child) if part in colours)
-                    self._add_set(f"these {len(inside)}: {text}"[: 2 * LONGEST], inside)
+                    self._add_set(f"these {len(inside)}", inside)
                     self._add(structure, child, names, colours)
 
     def _button(self, label: str, parts: tuple[str, ...], colour: Colour | None) -> Any:

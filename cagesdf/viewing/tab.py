@@ -109,6 +109,7 @@ class Tab:
                 open_run=open_run,
                 set_parameter=self._set,
                 restyle=self._restyle,
+                more_shapes=lambda: self._gallery.show_more_shapes(),
                 more_styles=lambda: self._gallery.show_more_styles(self._space.state),
                 cancel=self._cancel,
                 direct=self._direct,
@@ -150,9 +151,10 @@ class Tab:
         self._panel.shape.value = opened.first
         self._worker = Worker(opened.session, pool, self._show, self._tell, self._refuse)
         self._stage.frame(self._space.state.cage, "Perspective")
-        self._gallery.show_ends(self._space.document.shape_id)
-        self.offer()
         self._show_document()
+        self._gallery.show_ends(self._space.document.shape_id)
+        self._gallery.show_more_shapes()
+        self.offer()
 
     def _bind_keys(self) -> None:
         actions: dict[str, Callable[[], None]] = {

@@ -298,7 +298,7 @@ def test_a_new_shape_has_a_picture_and_outlives_its_page_which_asks_before_it_is
     page.tab("Style")
     page.until(lambda: page.drawn_tile(opened), "a picture of the style")
     page.picture("styles")
-    page.tab("New")
+    page.tab("Shapes")
     page.press("New shape")
     page.until(lambda: page.value("Shape") == "new", "a new shape")
     first = page.settled()

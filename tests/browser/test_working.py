@@ -123,7 +123,7 @@ def test_long_work_says_how_far_it_is_and_is_cancelled_and_nothing_has_changed(
 ) -> None:
     monkeypatch.setattr(drawing, "tears", endless)
     before, shape = page.settled(), page.value("Shape")
-    page.tab("New")
+    page.tab("Shapes")
     page.press("New shape")
     page.press("Cancel: New shape")
     page.until(lambda: page.status == "New shape: cancelled", "cancelled")
@@ -177,7 +177,7 @@ def test_made_shapes_have_names_and_stand_in_the_list_newest_first(page: EditorP
     assert options[:3] == ["other", "My stool", first]
     assert {"chair_0001", "table_0000", "vase_0000"} <= {*options}
     page.page.keyboard.press("Escape")
-    page.tab("New")
+    page.tab("Shapes")
     page.until(lambda: page.drawn_tile("My stool") and page.drawn_tile("other"), "pictures of both")
     tiles = page.page.locator("button", has=page.page.locator("img.tile")).filter(visible=True)
     assert [text.strip() for text in tiles.all_inner_texts()] == ["other", "My stool"]

@@ -101,7 +101,7 @@ class EditorPage:
     def selected(self) -> list[str]:
         """Parts that the list shows as selected."""
         labels = self.page.locator(".mantine-Button-root", has_text="▸ ").all_inner_texts()
-        return [label.strip().removeprefix("▸ ") for label in labels]
+        return [part for label in labels if (part := label.strip().removeprefix("▸ ")) in self.parts]
 
     def eye(self, part: str) -> Locator:
         """The button beside a part's name that hides it."""
