@@ -155,7 +155,8 @@ def styles(page: EditorPage, shapes: list[str]) -> list[float]:
     page.tab("Style")
     seconds = []
     for shape in shapes:
-        tile = page.page.locator("button", has=page.page.locator("img.tile")).filter(has_text=re.compile(f"^{shape}$"))
+        tiles = page.page.locator("button", has=page.page.locator("img.tile")).filter(visible=True)
+        tile = tiles.filter(has_text=re.compile(f"^{shape}$"))
         before = page.settled()
         seconds += timed(page, "click", tile.first.click, f"^{PREVIEW_CELLS} cells")
         page.settled(before)

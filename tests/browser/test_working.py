@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from playwright.sync_api import Browser, Dialog, Locator
 
@@ -124,6 +125,7 @@ def test_long_work_says_how_far_it_is_and_is_cancelled_and_nothing_has_changed(
     monkeypatch.setattr(drawing, "tears", endless)
     before, shape = page.settled(), page.value("Shape")
     page.tab("Shapes")
+    tiles = page.page.locator("img.tile").filter(visible=True).count()
     page.press("New shape")
     page.press("Cancel: New shape")
     page.until(lambda: page.status == "New shape: cancelled", "cancelled")
@@ -137,7 +139,7 @@ def test_long_work_says_how_far_it_is_and_is_cancelled_and_nothing_has_changed(
     page.press("Cancel: New shape")
     page.until(lambda: page.page.get_by_role("button", name="Cancel", exact=True).is_disabled(), "cancelled again")
     assert (page.surface, page.value("Shape")) == (before, shape)
-    assert page.page.locator("img.tile").filter(visible=True).count() == 0, "a picture of a new shape"
+    assert page.page.locator("img.tile").filter(visible=True).count() == tiles, "a picture of a new shape"
 
 
 def test_a_surface_in_pieces_is_warned_of_and_a_sound_one_isn_t(page: EditorPage) -> None:
@@ -180,7 +182,7 @@ def test_made_shapes_have_names_and_stand_in_the_list_newest_first(page: EditorP
     page.tab("Shapes")
     page.until(lambda: page.drawn_tile("My stool") and page.drawn_tile("other"), "pictures of both")
     tiles = page.page.locator("button", has=page.page.locator("img.tile")).filter(visible=True)
-    assert [text.strip() for text in tiles.all_inner_texts()] == ["other", "My stool"]
+    assert [text.strip() for text in tiles.all_inner_texts()] == ["other", "My stool", *options[2:11]]
     page.picture("made")
     page.tab("File")
     page.choose("Format", "obj")
@@ -198,6 +200,34 @@ def test_made_shapes_have_names_and_stand_in_the_list_newest_first(page: EditorP
     page.until(lambda: page.surface == before, "the first shape")
 
 
+def test_a_shape_is_opened_by_its_picture_and_gets_one_more_spindle_in_one_step(
+    page: EditorPage, tmp_path: Path
+) -> None:
+    before = page.settled()
+    page.tab("Shapes")
+    page.until(lambda: page.drawn_tile("chair_0007"), "its picture")
+    page.page.locator("button", has_text=re.compile("^chair_0007$")).filter(visible=True).click()
+    page.until(lambda: page.value("Shape") == "chair_0007", "the chair")
+    chair, parts = page.settled(before), [*page.parts]
+    spindles = [part for part in parts if part.startswith("spindle")]
+    page.select(spindles[0])
+    page.press("One more")
+    page.until(lambda: len(page.parts) == len(parts) + 1, "one more")
+    page.settled(chair)
+    page.picture("one_more")
+    page.tab("File")
+    page.choose("Format", "glb")
+    scene = trimesh.load_scene(page.download("Export", tmp_path))
+    solids = [scene.geometry[name] for name in scene.geometry if name.startswith("parts/spindle")]
+    assert len(solids) == len(spindles) + 1
+    assert all(solid.is_watertight for solid in solids)
+    places = np.sort([solid.bounds.mean(axis=0)[0] for solid in solids])
+    np.testing.assert_allclose(np.diff(places), np.diff(places).mean(), rtol=0.05)
+    page.press("Undo")
+    page.until(lambda: page.surface == chair, "the chair as it was")
+    assert [*page.parts] == parts
+
+
 def test_work_is_offered_again_after_the_page_is_loaded_anew(page: EditorPage) -> None:
     page.tab("Cuboids")
     before, shape, part = page.settled(), page.value("Shape"), next(iter(page.parts))
@@ -209,7 +239,15 @@ def test_work_is_offered_again_after_the_page_is_loaded_anew(page: EditorPage) -
     page.until(lambda: page.page.get_by_text("Mark", exact=True).count() > 0, "the page")
     page.page.get_by_role("button", name=re.compile(f"^Continue {shape}: 1 change, ")).click()
     page.until(lambda: page.surface == moved, "the moved part")
+    page.press("Reset")
+    page.until(lambda: page.surface == before, "as it was at first")
+    page.press("Undo")
+    page.until(lambda: page.surface == moved, "the moved part again")
     page.press("Undo")
     page.until(lambda: page.surface == before, "as it was")
     page.page.get_by_role("button", name="Forget all").click()  # work of the tests before
+    again = page.page.get_by_role("button", name=re.compile("^Click again to forget [0-9]+$"))
+    again.wait_for()
+    assert page.page.get_by_text("Earlier work").count() > 0, "nothing is forgotten at the first click"
+    again.click()
     page.until(lambda: page.page.get_by_text("Earlier work").count() == 0, "nothing to continue")

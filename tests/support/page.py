@@ -180,7 +180,8 @@ class EditorPage:
 
     def drawn_tile(self, name: str) -> bool:
         """Whether there is a picture above a name that can be clicked: more than a blank one."""
-        tile = self.page.locator("button", has=self.page.locator("img.tile")).filter(has_text=re.compile(f"^{name}$"))
+        tiles = self.page.locator("button", has=self.page.locator("img.tile")).filter(visible=True)
+        tile = tiles.filter(has_text=re.compile(f"^{name}$"))
         return tile.count() == 1 and len(tile.locator("img").get_attribute("src") or "") > 2000
 
     def ground(self) -> tuple[float, float]:
