@@ -22,7 +22,7 @@ from cagesdf.inference.shapes import usual_settings
 from cagesdf.viewing.opening import opened
 from cagesdf.viewing.server import serving
 from tests.support.chromium import FLAGS, chromium
-from tests.support.page import CENTRE, EditorPage
+from tests.support.page import EditorPage
 
 CHAIR, LEGS = "chair_0002", "chair_0007"
 NEW = ("new", "new_2", "new_3")
@@ -54,24 +54,11 @@ def mixed(page: EditorPage) -> None:
     page.choose("Style of", LEGS)
     before = page.settled(before)
     page.tab("Cuboids")
-    centres = {}
-    for part in [part for part in page.parts if part.startswith("slat")]:
-        page.select(part)
-        centres[part] = page.numbers(CENTRE)
-    *_, second, first = sorted(centres, key=lambda part: centres[part][1])
-    page.select(first)
-    page.page.keyboard.press("n")
-    page.until(lambda: len(page.selected) == 1 and page.selected != [first], "a copy")
+    parts = [*page.parts]
+    page.select(next(part for part in parts if part.startswith("slat")))
+    page.press("One more")
+    page.until(lambda: len(page.parts) > len(parts), "one more slat")
     page.settled(before)
-    for axis, place in enumerate(2 * centres[first] - centres[second]):
-        before = page.settled()
-        page.set_number(CENTRE, axis, round(float(place), 3))
-        page.until(partial(_stands, page, axis, place), "the copy above")
-    page.settled()
-
-
-def _stands(page: EditorPage, axis: int, place: float) -> bool:
-    return bool(abs(page.numbers(CENTRE)[axis] - place) < 2e-3)
 
 
 def _open(page: EditorPage, name: str) -> bool:
