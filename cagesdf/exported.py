@@ -21,7 +21,7 @@ SMALLEST, LARGEST = 1e-30, 1e30  # longest sides, user's unit, whose squares flo
 class ExportedShape:
     """A surface, the parts whose union it is, and their cuboids. Frame: the user's, from `origin`."""
 
-    surface: Mesh  # closed, outward; as `as_stored` makes it
+    surface: Mesh  # closed, outward; as `Place.stored` makes it
     parts: Mapping[str, Mesh]  # by name, those that have faces; closed, outward, stored in the same way
     cuboids: Mapping[str, Mesh]  # by name
     origin: Float[ndarray, " 3"]  # user's frame; 0 for all shapes but those that are far from there
@@ -30,7 +30,7 @@ class ExportedShape:
     def of(mesh: Mesh, parts: Mapping[str, Mesh], cuboids: Mapping[str, Mesh]) -> "ExportedShape":
         """A surface, parts and cuboids in the user's frame; names are distinct, on one line each.
 
-        Raises InputError as `as_stored`.
+        Raises InputError as `Place.of`.
         """
         place = Place.of(mesh)
         stored = {part: place.stored(solid) for part, solid in parts.items()}
@@ -48,7 +48,10 @@ class Place:
 
     @staticmethod
     def of(mesh: Mesh) -> "Place":
-        """The place for a mesh, and for meshes beside it. Raises InputError as `as_stored`."""
+        """The place for a mesh, and for meshes beside it.
+
+        Raises InputError for a mesh that is too large, too small or too far from the origin for the numbers of files.
+        """
         if not len(mesh.faces):
             return Place(np.zeros(3), 0.0)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -66,7 +69,12 @@ class Place:
         return Place(np.round((low + high) / 2 / unit) * unit, step)
 
     def stored(self, mesh: Mesh) -> Mesh:
-        """A mesh from here, as all formats hold it; see `as_stored`."""
+        """A mesh from the origin, as all formats hold it.
+
+        Positions are float32's, and origin plus position is exact in float64. Vertices that so fall together are made
+        one: readers that merge what is in one place would find faces without corners otherwise. A closed mesh stays
+        closed: what merging takes away are faces between an edge and its opposite.
+        """
         if not len(mesh.faces):
             return mesh
         positions = mesh.vertices
@@ -77,16 +85,3 @@ class Place:
         a, b, c = place.ravel()[mesh.faces].T
         faces = np.stack([a, b, c], axis=1)[(a != b) & (b != c) & (c != a)]
         return compact(Mesh(places.astype(np.float64), faces.astype(np.int32)))
-
-
-def as_stored(mesh: Mesh) -> tuple[Mesh, Float[ndarray, " 3"]]:
-    """A mesh as all formats hold it, and the place, in the mesh's own frame, from which it is given.
-
-    Positions are float32's there, and the place plus a position is exact in float64. Vertices that so fall together are
-    made one: readers that merge what is in one place would find faces without corners otherwise. A closed mesh stays
-    closed: what merging takes away are faces between an edge and its opposite.
-
-    Raises InputError for a mesh that is too large, too small or too far from the origin for these numbers.
-    """
-    place = Place.of(mesh)
-    return place.stored(mesh), place.origin

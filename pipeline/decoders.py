@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 MODELS = Path(__file__).parent.parent / "cagesdf" / "models"
+UNTYPED = "an argument without a type"
 Class = ast.ClassDef
 
 
@@ -33,7 +34,8 @@ def _arguments(name: str, classes: dict[str, Class]) -> dict[str, str]:
     """Arguments and types of a class's own `__init__`, or of its first base's."""
     for node in classes[name].body:
         if isinstance(node, ast.FunctionDef) and node.name == "__init__":
-            return {each.arg: ast.unparse(each.annotation) for each in node.args.args[1:] if each.annotation}
+            arguments = node.args.args[1:]
+            return {each.arg: ast.unparse(each.annotation) if each.annotation else UNTYPED for each in arguments}
     return _arguments(ast.unparse(classes[name].bases[0]), classes)
 
 

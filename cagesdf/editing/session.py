@@ -138,7 +138,7 @@ def as_given(
 ) -> ExportedShape:
     """A canonical surface and its parts in the user's frame, with the cuboids; `similarity` is raw → canonical.
 
-    Raises InputError for a place or size that files can't hold; see `exports.as_stored`.
+    Raises InputError for a place or size that files can't hold; see `exported.Place`.
     """
     names = part_names(structure)
     cuboids = {

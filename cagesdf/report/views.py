@@ -43,13 +43,13 @@ def write_views(folder: Path, grids: Sequence[tuple[str, Grid]], processes: int 
 
 
 def _view(folder: Path, name: str, grid: Grid) -> list[list[str | None]]:
-    # A server a page: what is taken out of one before the next scene would be recorded, in the order of a set.
     # viser says on standard output what it serves; here that is nothing for anybody.
     with redirect_stdout(io.StringIO()):
         return _recorded(folder, name, grid)
 
 
 def _recorded(folder: Path, name: str, grid: Grid) -> list[list[str | None]]:
+    # A server a page: what is taken out of one before the next scene would be recorded, in the order of a set.
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)
     try:
         server.scene.set_up_direction("+y")

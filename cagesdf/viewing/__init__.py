@@ -1,31 +1,33 @@
 """The editor in the browser: drag the cuboids, slide the style, see the surface.
 
-What it knows:
+Records:
 opening.py    runs from folders, for all tabs
 uploads.py    shapes from users' files, and their parts as they were changed
 files.py      uploads and downloads
 shelf.py      the documents of a tab, by name
 drafts.py     work that outlives its page
 selection.py  parts that are selected, hidden, locked
+workspace.py  the open document with its selection, and steps back and forth
 styles.py     principal directions of the codes
 parameters.py plain names of a program's numbers
 keys.py       which key does what
 
-What hands do:
+Input:
 picking.py    which cuboids are under the mouse
 hand.py       operations of a gizmo, a face, typed numbers
 snapping.py   contact of a cuboid that is dragged near another one
 angles.py     a cuboid's rotation as three numbers
+fields.py     boxes for numbers
 settling.py   numbers that are being typed
 sliding.py    controls that go on being changed
 
-What takes long:
+Background work:
 worker.py     surfaces in the background: a coarse one while the hand moves, a fine one when it rests
 jobs.py       long work: its progress and its end
 drawing.py    new styles and shapes, drawn until one holds
 thumbnails.py pictures of surfaces, drawn in the background
 
-What is seen:
+Display:
 scene.py      surface, cuboids, gizmo and handles
 framing.py    where the camera stands
 colours.py    a colour for parts that belong together, and the selection's

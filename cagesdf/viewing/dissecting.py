@@ -57,7 +57,7 @@ class PartsPage:
         guard: Callable[[Callable[[], None]], None],
     ) -> None:
         """`guard` calls an action and says what is wrong."""
-        self._desk, self._importer, self._styles = desk, importer, desk.space.styles
+        self._desk, self._space, self._importer = desk, desk.space, importer
         self._text = gui.add_markdown(NONE)
         self._aimed: tuple[object, ...] = ()  # the state and parts that the slider's range is for
 
@@ -86,11 +86,7 @@ class PartsPage:
 
     def show(self) -> None:
         """The open shape, after a change of it or of the selection."""
-        document, upload, selected = (
-            self._desk.space.document,
-            self._desk.space.upload,
-            self._desk.space.selection.parts,
-        )
+        document, upload, selected = self._space.document, self._space.upload, self._space.selection.parts
         if upload is None or not upload.raw.whole:
             self._text.content, found, given, unfitted = NONE, False, False, False
         else:
@@ -110,10 +106,10 @@ class PartsPage:
 
     def _range(self) -> None:
         """Let the slider reach through the selected part, and begin in its middle."""
-        selected = self._desk.space.selection.parts
+        selected = self._space.selection.parts
         if len(selected) != 1:
             return
-        corners = _corners(self._desk.space.document.state, selected[0])[:, AXES.index(self._axis.value)]
+        corners = _corners(self._space.document.state, selected[0])[:, AXES.index(self._axis.value)]
         low, high = float(corners.min()), float(corners.max())
         digits = max(0, math.ceil(-math.log10((high - low) / STEPS)))
         self._place.min, self._place.max = round(low, digits), round(high, digits)
@@ -126,12 +122,12 @@ class PartsPage:
 
     def _aim(self) -> None:
         """Show the plane through the selected part."""
-        state, selected = self._desk.space.document.state, self._desk.space.selection.parts
+        state, selected = self._space.document.state, self._space.selection.parts
         if len(selected) == 1:
             self._desk.plane(plane_through(state, selected[0], self._axis.value, self._place.value))
 
     def _one(self) -> str:
-        selected = self._desk.space.selection.parts
+        selected = self._space.selection.parts
         if len(selected) != 1:
             raise InputError(f"wanted one part selected, not {len(selected)}")
         return selected[0]
@@ -139,7 +135,7 @@ class PartsPage:
     # Changes
 
     def _merge(self) -> None:
-        selected = self._desk.space.selection.parts
+        selected = self._space.selection.parts
         if len(selected) < 2:
             raise InputError("wanted several parts selected: shift-click in the view, or Select several in the list")
         self._change("Merge", [shlex.join(["merge", *selected])])
@@ -151,20 +147,20 @@ class PartsPage:
         self._change("Rename", [shlex.join(["rename", self._one(), self._name.value])])
 
     def _label(self) -> None:
-        selected = self._desk.space.selection.parts
+        selected = self._space.selection.parts
         if not selected:
             raise InputError("no part is selected; click those that are meant")
         self._change("Label", [shlex.join(["label", part, self._name.value]) for part in selected])
 
     def _change(self, what: str, lines: list[str]) -> None:
         """Change the parts as `cagesdf parts --change` does; found first, where they weren't."""
-        document, upload = self._desk.space.document, self._upload()
+        document, upload = self._space.document, self._upload()
         if lines and upload.newest(document) is None and upload.origin.parts == "given":
             raise InputError("its parts are the file's groups; Find parts takes its surface apart instead")
 
         def work(progress: Progress) -> Callable[[], None]:
             dissection = self._dissection(document, upload, progress).changed(lines)
-            after = document.then(upload.build(dissection), self._styles)
+            after = document.then(upload.build(dissection), self._space.styles)
             return lambda: self._finish(document, after)
 
         self._desk.start(what, work)
@@ -177,13 +173,13 @@ class PartsPage:
         return dissection
 
     def _finish(self, before: Document, after: Document) -> None:
-        if self._desk.space.document is not before:
+        if self._space.document is not before:
             raise InputError("the shape was changed meanwhile; nothing was done to its parts")
         self._desk.become(after)
 
     def _fit_again(self) -> None:
         """Cuboids and codes of the parts as they are now; one undo leads back to them."""
-        document, upload = self._desk.space.document, self._upload()
+        document, upload = self._space.document, self._upload()
         dissection = upload.unfitted(document)
         if dissection is None:
             raise InputError("the parts are fitted; change them first")
@@ -193,13 +189,13 @@ class PartsPage:
             build, style = self._importer.take(raw, upload.file, progress).operations()
             upload.dissections[build.structure] = dissection
             replaced = document.before if isinstance(document.script[-1], Build) else None
-            after = (replaced or document).then(build, self._styles).then(style, self._styles)
+            after = (replaced or document).then(build, self._space.styles).then(style, self._space.styles)
             return lambda: self._finish(document, after)
 
         self._desk.start("Fit", work)
 
     def _save(self) -> None:
-        document, upload = self._desk.space.document, self._upload()
+        document, upload = self._space.document, self._upload()
 
         def work(progress: Progress) -> Callable[[], None]:
             text = written_json(self._dissection(document, upload, progress).written())
@@ -208,7 +204,7 @@ class PartsPage:
         self._desk.start("Save parts", work)
 
     def _upload(self) -> Upload:
-        upload = self._desk.space.upload
+        upload = self._space.upload
         if upload is None or not upload.raw.whole:
             raise InputError("this shape comes from no whole mesh; load one in File")
         return upload

@@ -4,6 +4,7 @@ They are text to viser. Its own number boxes give every digit back as a number w
 on the way, as -0 is 0.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -15,7 +16,7 @@ Typed = tuple[float | None, ...]  # None: as it was shown, whatever digits were 
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
 LONGEST = 1_000  # letters of what is typed
-LARGEST = 1e12  # of the numbers
+MOST_DECIMALS = 9  # of numbers that are written without an exponent
 
 
 class NumberField:
@@ -60,14 +61,15 @@ class NumberField:
 
 
 def read(text: str, count: int) -> tuple[float, ...] | None:
-    """The numbers of a text; None if it isn't `count` numbers of at most LARGEST."""
+    """The numbers of a text; None if it isn't `count` finite numbers."""
     words = [word.rstrip(",;").replace(",", ".").replace("--", "-") for word in text[:LONGEST].split()]
     if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
         return None
     numbers = tuple(float(word) for word in words)
-    return numbers if all(abs(number) <= LARGEST for number in numbers) else None
+    return numbers if all(map(math.isfinite, numbers)) else None
 
 
 def written(values: Iterable[float], decimals: int) -> str:
-    """Numbers as `read` reads them, rounded; no 0 is negative."""
-    return "  ".join(f"{round(float(value), decimals) + 0.0:.{decimals}f}" for value in values)
+    """Numbers as `read` reads them, rounded to decimals, which are negative for tens; no 0 is negative."""
+    form = f".{max(decimals, 0)}f" if -MOST_DECIMALS <= decimals <= MOST_DECIMALS else ".6g"
+    return "  ".join(f"{round(float(value), decimals) + 0.0:{form}}" for value in values)

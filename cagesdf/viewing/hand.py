@@ -158,8 +158,8 @@ class Hand:
         inner = [(part, first + place * step) for place, part in enumerate(row[1:-1], start=1)]
         moves = [self._alone(names[part], to - cage[part].centre) for part, to in inner]
         copied, at = inner[-1] if inner else (row[0], first)
-        way = self._in_file_units(first + (len(row) - 1) * step - at)
-        return [*moves, Duplicate(part=names[copied], by=way, mirror=False, repeat=False)]
+        displacement = self._in_file_units(first + (len(row) - 1) * step - at)
+        return [*moves, Duplicate(part=names[copied], by=displacement, mirror=False, repeat=False)]
 
     def split(self) -> Split:
         """The only cuboid in two halves, across its longest axis."""
@@ -200,9 +200,9 @@ def gizmo_frame(state: State, parts: Sequence[str]) -> tuple[Float[ndarray, " 3"
 
 
 def decimals_of(state: State) -> int:
-    """Decimals of lengths in the user's unit that are a ten-thousandth of the shape, or less."""
+    """Decimals of lengths in the user's unit: a ten-thousandth of the shape's longest side, or less; below 0: tens."""
     side = float(np.ptp(state.cage.corners().reshape(-1, 3), axis=0).max()) / state.similarity.scale
-    return int(np.clip(4 - np.floor(np.log10(side)), 0, 12))
+    return int(4 - np.floor(np.log10(side)))
 
 
 def only(cage: Cage, parts: Sequence[str]) -> Cage:

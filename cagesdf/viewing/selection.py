@@ -51,7 +51,7 @@ class Selection:
         return self.of(tuple(dict.fromkeys((*self.parts, *parts))))
 
     def hide(self) -> "Selection":
-        """What is selected hidden, and nothing selected."""
+        """The selected parts hidden, and none selected."""
         return replace(self, parts=(), hidden=self.hidden | set(self.parts))
 
     def blink(self, part: str) -> "Selection":
@@ -64,7 +64,7 @@ class Selection:
         return replace(self, hidden=frozenset())
 
     def lock_or_free(self) -> "Selection":
-        """What is selected locked, or free again if all of it was locked."""
+        """The selected parts locked, or unlocked if all of them were locked."""
         parts = frozenset(self.parts)
         return replace(self, locked=self.locked - parts if parts <= self.locked else self.locked | parts)
 

@@ -18,7 +18,7 @@ from cagesdf import rendering
 from cagesdf.api import display
 from cagesdf.api.shapes import EditableShape
 from cagesdf.editing.script import KINDS
-from cagesdf.exported import as_stored
+from cagesdf.exported import Place
 from cagesdf.geometry.meshes import Mesh
 from tests.support import balls, constant_runs, stools, toy
 from tests.support.commands import Command
@@ -123,7 +123,9 @@ def test_the_mesh_and_every_part_are_closed_and_lie_where_the_file_has_them(
     assert parts.keys() <= shape.cuboids.keys()
     shape.save(tmp_path / "a.ply", 24)
     np.testing.assert_array_equal(trimesh.load_mesh(tmp_path / "a.ply", process=False).vertices, mesh.vertices)
-    stored, origin = as_stored(Mesh(np.array(mesh.vertices), np.array(mesh.faces, np.int32)))
+    given = Mesh(np.array(mesh.vertices), np.array(mesh.faces, np.int32))
+    place = Place.of(given)
+    stored, origin = place.stored(given), place.origin
     assert not origin.any()
     assert len(stored.faces) == len(mesh.faces)
 

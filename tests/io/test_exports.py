@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cagesdf.errors import InputError
-from cagesdf.exported import FAR, ExportedShape, as_stored
+from cagesdf.exported import FAR, ExportedShape, Place
 from cagesdf.formats.gltf import read_gltf
 from cagesdf.formats.obj import read_obj, read_obj_groups
 from cagesdf.geometry.meshes import Mesh, is_closed, join, signed_volume
@@ -228,12 +228,12 @@ def test_stl_is_refused_exactly_where_the_others_need_more_than_float32(tmp_path
 @pytest.mark.parametrize(("size", "place"), [(1.0, 1e12), (1e-31, 0.0), (1e31, 0.0), (np.nan, 0.0), (1e-3, 1e15)])
 def test_what_no_format_holds_is_refused(size: float, place: float) -> None:
     with pytest.raises(InputError, match="files hold lengths"):
-        as_stored(SHAPE.with_vertices(size * SHAPE.vertices + place))
+        Place.of(SHAPE.with_vertices(size * SHAPE.vertices + place))
 
 
 def test_a_mesh_without_faces_is_stored_as_it_is() -> None:
     empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    assert as_stored(empty)[0] is empty
+    assert Place.of(empty).stored(empty) is empty
 
 
 @pytest.mark.parametrize("centre", [CENTRE, UTM])
@@ -242,7 +242,8 @@ def test_what_rounding_makes_one_place_is_one_vertex_and_the_mesh_stays_closed(c
     edge = ball.faces[0, :2]
     vertices = ball.vertices.copy()
     vertices[edge[1]] = vertices[edge[0]] + 1e-9
-    stored, origin = as_stored(ball.with_vertices(vertices))
+    far = ball.with_vertices(vertices)
+    origin, stored = Place.of(far).origin, Place.of(far).stored(far)
     assert is_closed(stored)
     assert len(stored.vertices) == len(ball.vertices) - 1
     assert len(stored.faces) == len(ball.faces) - 2

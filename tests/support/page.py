@@ -65,7 +65,7 @@ class EditorPage:
         return self.control(label).first.input_value()
 
     def numbers(self, label: str) -> np.ndarray:
-        """Of a control with several boxes, or with several numbers in one."""
+        """The numbers of a control, in several boxes or in one."""
         boxes = [box.input_value() for box in self.control(label, "input").all()]
         return np.array([float(word) for text in boxes for word in text.split()])
 

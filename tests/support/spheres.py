@@ -12,7 +12,7 @@ from cagesdf.structure.hierarchy import PartHierarchy
 
 RADII = {"large": (0.6, 0.5), "small": (0.4, 0.3)}
 PARTS = ("body",)
-# Of a small network of any kind. What isn't named here is a decoder's own: a small number of its type.
+# Sizes of a small network of any kind. Those that a decoder alone has, which aren't named here, are OWN's by type.
 OWN = {int: 2, float: 0.5}
 SIZES: dict[str, Any] = {
     size: OWN[kind] for name in DECODERS for size, kind in sizes_of_decoder(name).items() if kind in OWN

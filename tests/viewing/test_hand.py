@@ -190,6 +190,6 @@ def test_a_row_without_room_or_that_is_none_is_refused() -> None:
 
 def test_decimals_follow_the_size_of_the_shape() -> None:
     state = SESSION.opened("a")
-    for unit, decimals in ((1.0, 4), (1000.0, 1), (1e-3, 7)):
+    for unit, decimals in ((1.0, 4), (1000.0, 1), (1e-3, 7), (1e20, -16), (1e-20, 24)):
         scaled = replace(state, similarity=replace(state.similarity, scale=state.similarity.scale / unit))
         assert abs(decimals_of(scaled) - decimals) <= 1

@@ -1,4 +1,4 @@
-"""What visitors do to their shapes, without a browser."""
+"""Edits of shapes, and steps back and forth, without a browser."""
 
 import numpy as np
 import pytest
